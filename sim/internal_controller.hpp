@@ -1,0 +1,27 @@
+#pragma once
+
+#include "sim/motion_generator.hpp"
+
+namespace sim {
+
+// The robot's own control laws. Both return tau_d, without gravity (compensated by the caller) but
+// with Coriolis and what tracking needs.
+class InternalController {
+ public:
+  using Vector7 = Eigen::Matrix<double, 7, 1>;
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+
+  // Franka's defaults (setDefaultBehavior of its examples).
+  Vector7 K_theta = (Vector7() << 3000, 3000, 3000, 2500, 2500, 2000, 2000).finished();
+  Vector6 K_x = (Vector6() << 3000, 3000, 3000, 300, 300, 300).finished();
+  Eigen::Matrix4d EE_T_K = Eigen::Matrix4d::Identity();
+
+  // Joint impedance about (q_d, dq_d) with inertia feed-forward of ddq_d.
+  Vector7 joint_impedance(const ArmModel& model, const Vector7& q, const Vector7& dq,
+                          const MotionGenerator::Desired& desired) const;
+  // Cartesian impedance at the stiffness frame K about the pose of (q_d, dq_d), redundancy held.
+  Vector7 cartesian_impedance(const ArmModel& model, const Eigen::Matrix4d& F_T_EE, const Vector7& q,
+                              const Vector7& dq, const MotionGenerator::Desired& desired) const;
+};
+
+}  // namespace sim

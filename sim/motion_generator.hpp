@@ -1,0 +1,40 @@
+#pragma once
+
+#include "models/arm.hpp"
+#include "sim/arm_model.hpp"
+#include "wire/fci/robot_command.hpp"
+
+namespace sim {
+
+// Turns the commands of one motion into the desired joint motion that the internal controllers track
+// and the state reports: q_d, dq_d, ddq_d and, for Cartesian motions, O_T_EE_c, O_dP_EE_c, O_ddP_EE_c
+// and the elbow. Derivatives are backward Euler at 1 ms. A Cartesian pose becomes joints by
+// differential inverse kinematics which keeps the elbow (q3) where it is, or where the command says.
+class MotionGenerator {
+ public:
+  struct Desired {
+    Eigen::Matrix<double, 7, 1> q, dq, ddq;
+    Eigen::Matrix4d O_T_EE_c;
+    Eigen::Matrix<double, 6, 1> O_dP_EE_c, O_ddP_EE_c;
+    std::array<double, 2> elbow_c, delbow_c, ddelbow_c;
+  };
+
+  explicit MotionGenerator(const models::Arm& arm);
+
+  // Starts a motion of that mode at rest at q (the q_d that held the arm), with F_T_EE in force.
+  void start(fci::MotionGeneratorMode mode, const Eigen::Matrix<double, 7, 1>& q,
+             const Eigen::Matrix4d& F_T_EE);
+  // One cycle with the command that arrived.
+  void step(const fci::RobotCommand& command);
+  // One cycle whose command was lost: constant acceleration.
+  void extrapolate();
+  const Desired& desired() const { return desired_; }
+
+ private:
+  fci::MotionGeneratorMode mode_ = fci::MotionGeneratorMode::kIdle;
+  Desired desired_;
+  ArmModel model_;
+  Eigen::Matrix4d F_T_EE_ = Eigen::Matrix4d::Identity();
+};
+
+}  // namespace sim
