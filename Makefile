@@ -1,0 +1,75 @@
+# Everything starts here: `make help`.
+# Each target does what it needs first, and does no work twice.
+
+# Debian's and Ubuntu's own, whatever else is first in PATH.
+PYTHON ?= /usr/bin/python3
+VENV   := .venv
+BUILD  := build
+JOBS   := $(shell nproc)
+
+# Another project's environment (ROS sets this one) must not reach ours.
+unexport PYTHONPATH
+
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+.PHONY: help packages setup build demo test bench interop sanitize asan tsan clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: $(VENV)/.frankapy ## install what is missing: system packages, .venv, frankapy in it
+
+build: $(BUILD)/build.ninja ## configure and compile everything
+	cmake --build $(BUILD) -j $(JOBS)
+
+demo: $(BUILD)/build.ninja $(VENV)/.frankapy ## watch a Python script move a simulated arm
+	cmake --build $(BUILD) -j $(JOBS) --target franka-interface fci-sim wire_proto
+	$(VENV)/bin/python examples/demo.py
+
+test: build $(VENV)/.frankapy ## run the C++ and the Python tests
+	ctest --test-dir $(BUILD) -j $(JOBS) --output-on-failure
+	$(VENV)/bin/python -m pytest tests/python
+
+bench: build $(VENV)/.frankapy ## measure, and write build/bench.json
+	$(VENV)/bin/python bench/run.py
+
+interop: build $(VENV)/.frankapy ## run independent programs against ours
+	$(VENV)/bin/python tests/interop/run.py
+
+sanitize: asan tsan ## run the C++ tests under address, undefined and thread sanitizer
+
+clean: ## remove what was built (not .venv)
+	rm -rf $(BUILD)
+
+# --- what the targets stand on; a stamp is written last, so an interrupted step is done again ----------------------
+
+packages:
+	@scripts/install_packages.sh
+
+$(VENV)/.installed: requirements.lock requirements-meshes.lock | packages
+	$(PYTHON) -m venv --clear $(VENV)
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --no-deps --require-hashes \
+	  -r requirements.lock -r requirements-meshes.lock
+	@touch $@
+
+$(VENV)/.frankapy: $(VENV)/.installed python/pyproject.toml
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation --quiet -e python
+	@touch $@
+
+$(BUILD)/build.ninja: $(VENV)/.installed
+	cmake -S . -B $(BUILD) -G Ninja
+
+$(BUILD)/%/build.ninja: $(VENV)/.installed
+	cmake -S . -B $(@D) -G Ninja -DSANITIZE=$(SANITIZE_$*)
+
+SANITIZE_asan := address,undefined
+SANITIZE_tsan := thread
+
+# gcc's thread sanitizer before 14 stops at random addresses as wide as newer kernels make them; a container may
+# forbid to ask for fixed ones (setarch -R), and then mostly does not need it.
+FIXED_ADDRESSES = $(shell setarch -R true 2> /dev/null && echo setarch -R)
+
+asan tsan: %: $(BUILD)/%/build.ninja
+	cmake --build $(BUILD)/$@ -j $(JOBS)
+	TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" \
+	  $(FIXED_ADDRESSES) ctest --test-dir $(BUILD)/$@ -j $(JOBS) --output-on-failure
