@@ -1,0 +1,20 @@
+#pragma once
+
+#include "realtime/model.hpp"
+#include "realtime/reference.hpp"
+#include "wire/fci/robot_state.hpp"
+
+namespace realtime {
+
+// What a component of a skill sees in one cycle.
+struct Cycle {
+  const fci::RobotState& state;
+  const Model& model;       // updated for state.q, state.dq
+  double time = 0;          // s since the skill's first cycle, by the robot's clock
+  double dt = 0.001;        // s since the cycle before; more than 1 ms when states were lost
+  Vector7 q, dq;            // measured
+  Eigen::Isometry3d O_T_EE; // measured
+  Vector7 tau_J_d;          // last commanded torque, ours in double; zero outside torque control
+};
+
+}  // namespace realtime

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+
+#include "bridge/queue.hpp"
+#include "bridge/slot.hpp"
+#include "realtime/skill.hpp"
+#include "wire/fci/robot_command.hpp"
+
+namespace realtime {
+
+// Where the loop is. In kRunning, kHolding and kBraking a motion of the robot is active.
+enum class Phase : std::uint8_t {
+  kConnecting,   // no states yet, or no longer
+  kIdle,         // the robot holds itself
+  kConfiguring,  // settings are being sent
+  kStarting,     // Move is sent, the robot's modes do not match yet
+  kRunning,      // a skill
+  kHolding,      // no skill; the reference is kept
+  kBraking,      // to rest, before another robot controller or the end of the motion
+  kFinishing,    // the finish flag is sent until the robot is idle
+  kError,        // reflex, user stop or another mode in which the robot takes no motion
+  kRecovering,   // automatic error recovery is asked for
+};
+
+// One cycle as the rest of the server sees it: published, recorded, and the base of every read.
+struct Record {
+  fci::RobotState state;
+  fci::RobotCommand command;  // as sent; message_id 0 when none was sent
+  Phase phase = Phase::kConnecting;
+  std::uint64_t skill_id = 0;  // 0: none
+  double skill_time = 0;       // s
+  Reference reference;         // after the limits
+  bool limited = false;        // the limiter held something back in this cycle
+  std::uint64_t cycles = 0;    // since the loop began
+  std::uint64_t lost_states = 0;  // states that did not arrive, by message_id
+  std::int64_t received_ns = 0;   // CLOCK_MONOTONIC when the state was in hand
+  std::int64_t compute_ns = 0;    // state in to command out
+};
+
+// A skill on its way back: the loop has let go of it.
+struct Finished {
+  Skill* skill = nullptr;  // to be destroyed by the receiver
+  SkillResult result;
+};
+
+// Everything that passes between the two rooms. The server room writes the first half, the loop the
+// second.
+struct Door {
+  bridge::Slot<Skill> next;           // takes over at once; the newest wins
+  std::atomic<bool> stop{false};      // brake the running skill, then hold
+  std::atomic<bool> recover{false};   // ask the robot for automatic error recovery
+  std::atomic<bool> quit{false};      // brake, finish, return
+
+  bridge::Queue<Finished> finished{64};
+  bridge::Queue<Record> records{4096};
+  std::atomic<std::uint64_t> records_lost{0};  // the server room was too slow
+};
+
+}  // namespace realtime

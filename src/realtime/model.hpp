@@ -1,0 +1,49 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <memory>
+#include <string>
+
+#include "realtime/reference.hpp"
+
+namespace realtime {
+
+using Matrix67 = Eigen::Matrix<double, 6, 7>;
+using Matrix7 = Eigen::Matrix<double, 7, 7>;
+
+// Kinematics and dynamics of the arm with its end effector and load (Pinocchio behind it). Built in
+// the server room; everything but the constructor is free of allocation and may run in the loop.
+class Model {
+ public:
+  // From an URDF with joints joint1..joint7 (any prefix) and the flange as last frame. Throws
+  // std::invalid_argument which says what is missing.
+  explicit Model(const std::string& urdf);
+  ~Model();
+  Model(const Model&) = delete;
+
+  // What is fixed to the flange: total mass (kg), centre of mass in F (m), inertia about it in F's
+  // axes (kg m²); and the end-effector frame.
+  void set_tool(double mass, const Vector3& F_x_C, const Eigen::Matrix3d& I,
+                const Eigen::Isometry3d& F_T_EE) noexcept;
+
+  // Computes everything below for q and dq.
+  void update(const Vector7& q, const Vector7& dq) noexcept;
+
+  const Eigen::Isometry3d& O_T_EE() const noexcept;
+  // Of EE, rows linear then angular, axes of O.
+  const Matrix67& jacobian() const noexcept;
+  const Vector6& dJ_dq() const noexcept;      // d/dt(J) dq, m/s² and rad/s²
+  const Matrix7& mass() const noexcept;
+  const Vector7& coriolis() const noexcept;   // C(q, dq) dq, N m
+  const Vector7& gravity() const noexcept;    // N m, for an upright arm
+
+  // Forward kinematics of any q, without touching the rest.
+  Eigen::Isometry3d O_T_EE(const Vector7& q) noexcept;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace realtime

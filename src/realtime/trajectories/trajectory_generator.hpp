@@ -1,0 +1,32 @@
+#pragma once
+
+#include "realtime/reference.hpp"
+
+namespace realtime {
+
+// Emits the reference of a skill, cycle by cycle. A kind is one file of this folder: constructed in
+// the server room from its message of wire/proto/trajectories.proto, where it may throw; the rest runs
+// in the loop.
+class TrajectoryGenerator {
+ public:
+  virtual ~TrajectoryGenerator() = default;
+
+  virtual ReferenceKind reference_kind() const noexcept = 0;
+
+  // Begins at `from`, with its velocity and acceleration. A motion too fast for the limits of the arm
+  // is stretched here.
+  virtual void start(const Reference& from) noexcept = 0;
+
+  // Writes the reference `time` seconds after start(); any times may be asked for. True when the
+  // trajectory is over: from then on the reference is the goal, at rest.
+  virtual bool step(double time, Reference& reference) noexcept = 0;
+
+  // Where it ends, known from start() on.
+  virtual const Reference& goal() const noexcept = 0;
+
+  // Duration after stretching, s, and by what factor (>= 1) it was stretched; known from start() on.
+  virtual double duration() const noexcept = 0;
+  virtual double stretch() const noexcept = 0;
+};
+
+}  // namespace realtime
