@@ -1,0 +1,193 @@
+#include "realtime/model.hpp"
+
+#include <array>
+#include <pinocchio/algorithm/crba.hpp>
+#include <pinocchio/algorithm/kinematics.hpp>
+#include <pinocchio/algorithm/model.hpp>
+#include <pinocchio/algorithm/rnea.hpp>
+#include <pinocchio/parsers/urdf.hpp>
+#include <stdexcept>
+#include <vector>
+
+namespace realtime {
+namespace {
+
+constexpr int kJoints = 7;
+
+bool ends_with(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+}
+
+std::string list(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
+pinocchio::Model parse(const std::string& urdf) {
+  pinocchio::Model model;
+  try {
+    pinocchio::urdf::buildModelFromXML(urdf, model);
+  } catch (const std::exception& error) {
+    throw std::invalid_argument(std::string("the robot's URDF cannot be read: ") + error.what());
+  }
+  return model;
+}
+
+// The body frame of link `number` of the arm, whatever its prefix.
+pinocchio::FrameIndex link(const pinocchio::Model& model, int number) {
+  const std::string name = "link" + std::to_string(number);
+  std::vector<std::string> links;
+  for (pinocchio::FrameIndex i = 0; i < model.frames.size(); ++i) {
+    if (model.frames[i].type != pinocchio::BODY) continue;
+    if (ends_with(model.frames[i].name, name)) return i;
+    links.push_back(model.frames[i].name);
+  }
+  throw std::invalid_argument("the robot's URDF should have a link whose name ends with " + name +
+                              ", and has " + list(links));
+}
+
+// Fixes every joint but joint1..joint7 (a hand's fingers have joints as well).
+pinocchio::Model reduce(const pinocchio::Model& model) {
+  std::vector<pinocchio::JointIndex> extra;
+  std::vector<std::string> joints;
+  for (pinocchio::JointIndex i = 1; i < static_cast<pinocchio::JointIndex>(model.njoints); ++i) {
+    const std::string& name = model.names[i];
+    const int next = static_cast<int>(joints.size()) + 1;
+    const bool ours = next <= kJoints && model.joints[i].nq() == 1 &&
+                      name.find("finger") == std::string::npos &&
+                      ends_with(name, "joint" + std::to_string(next));
+    if (ours) {
+      joints.push_back(name);
+    } else {
+      extra.push_back(i);
+    }
+  }
+  if (joints.size() != kJoints) {
+    std::vector<std::string> names(model.names.begin() + 1, model.names.end());
+    throw std::invalid_argument("the robot's URDF should have revolute joints joint1 to joint7 in a row; joint" +
+                                std::to_string(joints.size() + 1) + " is missing among its movable joints " +
+                                list(names));
+  }
+  return extra.empty() ? model
+                       : pinocchio::buildReducedModel(model, extra, pinocchio::neutral(model));
+}
+
+}  // namespace
+
+struct Model::Impl {
+  pinocchio::Model model;
+  pinocchio::Data data, kinematics;      // `kinematics` serves O_T_EE(q) alone
+  Eigen::VectorXd q, dq, q_kinematics;   // of the type that Pinocchio is compiled for
+  pinocchio::SE3 J7_T_F, J7_T_EE;
+  pinocchio::Inertia link7;
+
+  Eigen::Isometry3d O_T_EE;
+  Matrix67 J;
+  Vector6 dJ_dq;
+  Matrix7 M;
+  Vector7 c, g;
+
+  explicit Impl(const std::string& urdf)
+      : model(reduce(parse(urdf))),
+        data(model),
+        kinematics(model),
+        q(Eigen::VectorXd::Zero(kJoints)),
+        dq(Eigen::VectorXd::Zero(kJoints)),
+        q_kinematics(Eigen::VectorXd::Zero(kJoints)) {
+    const auto flange = link(model, kJoints + 1);
+    if (model.frames[flange].parentJoint != kJoints) {
+      throw std::invalid_argument("the robot's URDF should have its flange " + model.frames[flange].name +
+                                  " fixed to joint7, and has it on " +
+                                  model.names[model.frames[flange].parentJoint]);
+    }
+    J7_T_F = model.frames[flange].placement;
+    J7_T_EE = J7_T_F;
+
+    // O is link0, wherever the description's root is.
+    const auto& base = model.frames[link(model, 0)];
+    model.jointPlacements[1] = base.placement.actInv(model.jointPlacements[1]);
+
+    // What is fixed beyond the flange comes by set_tool(), so of the URDF only the way to it counts.
+    link7.setZero();
+    for (auto frame = flange; model.frames[frame].type != pinocchio::JOINT;
+         frame = model.frames[frame].parentFrame) {
+      link7 += model.frames[frame].placement.act(model.frames[frame].inertia);
+    }
+    model.inertias[kJoints] = link7;
+  }
+
+  Eigen::Isometry3d end_effector(const pinocchio::SE3& O_T_J7) const {
+    const pinocchio::SE3 pose = O_T_J7 * J7_T_EE;
+    Eigen::Isometry3d out = Eigen::Isometry3d::Identity();
+    out.linear() = pose.rotation();
+    out.translation() = pose.translation();
+    return out;
+  }
+};
+
+Model::Model(const std::string& urdf) : impl_(std::make_unique<Impl>(urdf)) {
+  update(Vector7::Zero(), Vector7::Zero());
+}
+
+Model::~Model() = default;
+
+void Model::set_tool(double mass, const Vector3& F_x_C, const Eigen::Matrix3d& I,
+                     const Eigen::Isometry3d& F_T_EE) noexcept {
+  Impl& m = *impl_;
+  m.J7_T_EE = m.J7_T_F * pinocchio::SE3(F_T_EE.linear(), F_T_EE.translation());
+  m.model.inertias[kJoints] = m.link7;
+  if (mass > 0) {
+    m.model.inertias[kJoints] +=
+        m.J7_T_F.act(pinocchio::Inertia(mass, F_x_C, pinocchio::Symmetric3(I)));
+  }
+}
+
+void Model::update(const Vector7& q, const Vector7& dq) noexcept {
+  Impl& m = *impl_;
+  m.q = q;
+  m.dq = dq;
+
+  // In world convention this fills data.oMi and data.J (velocity of the point at the origin) too.
+  pinocchio::crba(m.model, m.data, m.q, pinocchio::Convention::WORLD);
+  m.M = m.data.M;
+  m.M.triangularView<Eigen::StrictlyLower>() = m.M.transpose();
+  m.O_T_EE = m.end_effector(m.data.oMi[kJoints]);
+  const Vector3 p = m.O_T_EE.translation();
+  for (int i = 0; i < kJoints; ++i) {
+    const Vector3 angular = m.data.J.col(i).tail<3>();
+    m.J.col(i) << Vector3(m.data.J.col(i).head<3>()) + angular.cross(p), angular;
+  }
+
+  m.g = pinocchio::computeGeneralizedGravity(m.model, m.data, m.q);
+  m.c = pinocchio::nonLinearEffects(m.model, m.data, m.q, m.dq) - m.g;
+
+  // With ddq = 0 the acceleration of EE is dJ dq. data.a_gf is that of joint 7 in its own axes, with
+  // gravity's reaction; as a spatial acceleration it lacks the turn of the velocity.
+  const Eigen::Matrix3d& R = m.data.oMi[kJoints].rotation();
+  const auto& a = m.data.a_gf[kJoints];
+  const auto& v = m.data.v[kJoints];
+  const Vector3 x = m.J7_T_EE.translation();
+  const Vector3 w = v.angular();
+  const Vector3 dw = a.angular();
+  const Vector3 v_EE = v.linear() + w.cross(x);
+  const Vector3 spatial = a.linear() + dw.cross(x);
+  m.dJ_dq.head<3>() = R * (spatial + w.cross(v_EE)) + m.model.gravity.linear();
+  m.dJ_dq.tail<3>() = R * dw;
+}
+
+const Eigen::Isometry3d& Model::O_T_EE() const noexcept { return impl_->O_T_EE; }
+const Matrix67& Model::jacobian() const noexcept { return impl_->J; }
+const Vector6& Model::dJ_dq() const noexcept { return impl_->dJ_dq; }
+const Matrix7& Model::mass() const noexcept { return impl_->M; }
+const Vector7& Model::coriolis() const noexcept { return impl_->c; }
+const Vector7& Model::gravity() const noexcept { return impl_->g; }
+
+Eigen::Isometry3d Model::O_T_EE(const Vector7& q) noexcept {
+  Impl& m = *impl_;
+  m.q_kinematics = q;
+  pinocchio::forwardKinematics(m.model, m.kinematics, m.q_kinematics);
+  return m.end_effector(m.kinematics.oMi[kJoints]);
+}
+
+}  // namespace realtime
