@@ -38,6 +38,8 @@ struct SkillResult {
   double time = 0;               // s of skill time
   double stretch = 1;            // of the trajectory
   std::uint64_t limited_cycles = 0;  // in which the limiter held the reference or torque back
+  std::int64_t first_command_ns = 0;  // CLOCK_MONOTONIC when its first command was sent; 0: never
+  std::int64_t last_cycle_ns = 0;     // CLOCK_MONOTONIC at the end of its last cycle
   fci::Errors errors{};          // with kRobotError
   fci::Command refused = fci::Command::kMove;  // with kRefused: which request, and
   fci::Status status = fci::Status::kSuccess;  // the robot's answer
