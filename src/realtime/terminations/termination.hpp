@@ -17,6 +17,9 @@ struct Progress {
 class Termination {
  public:
   virtual ~Termination() = default;
+
+  // Whether it can judge a trajectory of such references.
+  virtual bool accepts(ReferenceKind) const noexcept { return true; }
   virtual void start() noexcept {}
   virtual bool step(const Cycle& cycle, const Progress& progress) noexcept = 0;
 };
