@@ -1,10 +1,16 @@
 # add_room(<name> [<library>...])
 #
-# The library of one room: every .cpp below the current folder except main.cpp, or an interface library while there
-# is none. It publishes the include roots (repository and src/) and the libraries it is built on.
+# The library of one room: every .cpp below the current folder except main.cpp and folders with a CMakeLists.txt of
+# their own, or an interface library while there is none. It publishes the include roots (repository and src/) and the
+# libraries it is built on.
 function(add_room name)
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS *.cpp)
   list(FILTER sources EXCLUDE REGEX "/main\\.cpp$")
+  file(GLOB_RECURSE nested CONFIGURE_DEPENDS */CMakeLists.txt)
+  foreach(file ${nested})
+    cmake_path(GET file PARENT_PATH folder)
+    list(FILTER sources EXCLUDE REGEX "^${folder}/")
+  endforeach()
   if(sources)
     add_library(${name} STATIC ${sources})
     set(scope PUBLIC)
