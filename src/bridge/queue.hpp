@@ -23,6 +23,11 @@ class Queue {
   }
   void push() noexcept { head_.store(head_.load(std::memory_order_relaxed) + 1, std::memory_order_release); }
 
+  // How many more it takes; the producer's to ask.
+  std::size_t room() const noexcept {
+    return mask_ + 1 - (head_.load(std::memory_order_relaxed) - tail_.load(std::memory_order_acquire));
+  }
+
   // False, and nothing done, when the queue is full.
   bool push(const T& element) noexcept {
     T* slot = back();

@@ -10,7 +10,7 @@ namespace realtime {
 struct Cycle {
   const fci::RobotState& state;
   const Model& model;       // updated for state.q, state.dq
-  double time = 0;          // s since the skill's first cycle, by the robot's clock
+  double time = 0;          // s of the robot's clock since the reference that the skill began from
   double dt = 0.001;        // s since the cycle before; more than 1 ms when states were lost
   Vector7 q, dq;            // measured
   Eigen::Isometry3d O_T_EE; // measured

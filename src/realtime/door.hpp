@@ -36,24 +36,31 @@ struct Record {
   std::uint64_t cycles = 0;    // since the loop began
   std::uint64_t lost_states = 0;  // states that did not arrive, by message_id
   std::int64_t received_ns = 0;   // CLOCK_MONOTONIC when the state was in hand
-  std::int64_t compute_ns = 0;    // state in to command out
+  std::int64_t compute_ns = 0;    // state in hand to command ready, the network left out; 0 when none was sent
 };
 
-// A skill on its way back: the loop has let go of it.
-struct Finished {
-  Skill* skill = nullptr;  // to be destroyed by the receiver
-  SkillResult result;
+// What came of a request for recovery.
+struct RecoveryResult {
+  bool recovered = false;  // or there was nothing to recover from
+  fci::Status status = fci::Status::kSuccess;            // the robot's answer; kFailed: it gave none in time
+  fci::RobotMode robot_mode = fci::RobotMode::kOther;    // afterwards
 };
 
 // Everything that passes between the two rooms. The server room writes the first half, the loop the
 // second.
 struct Door {
-  bridge::Slot<Skill> next;           // takes over at once; the newest wins
-  std::atomic<bool> stop{false};      // brake the running skill, then hold
-  std::atomic<bool> recover{false};   // ask the robot for automatic error recovery
-  std::atomic<bool> quit{false};      // brake, finish, return
+  bridge::Slot<Skill> next;  // takes over at once; the newest wins. Ids grow from 1
+  std::atomic<std::uint64_t> stop_up_to{0};  // skills with this id or a smaller one brake and end; then the
+                                             // loop holds. Of one that is not yet taken nothing is run
+  std::atomic<bool> recover{false};  // ask the robot for automatic error recovery; answered in `recoveries`
+  std::atomic<bool> quit{false};     // brake, finish, return
 
-  bridge::Queue<Finished> finished{64};
+  // One for each skill that went through `next`, as soon as it has ended.
+  bridge::Queue<SkillResult> results{64};
+  // The skills themselves, to be destroyed by the receiver: later than their results, since the controller of
+  // the last one keeps holding the arm.
+  bridge::Queue<Skill*> retired{64};
+  bridge::Queue<RecoveryResult> recoveries{16};
   bridge::Queue<Record> records{4096};
   std::atomic<std::uint64_t> records_lost{0};  // the server room was too slow
 };

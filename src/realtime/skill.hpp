@@ -28,9 +28,10 @@ enum class Ending {
   kRobotError,      // a reflex or another error of the robot
   kRefused,         // the robot refused the settings or the start of the motion
   kConnectionLost,  // no states, or the TCP connection closed
+  kComponentFault,  // trajectory or controller gave what is not finite; the arm was brought to rest without it
 };
 
-// How a skill ended, as it comes back through the door with the skill itself.
+// How a skill ended.
 struct SkillResult {
   std::uint64_t skill_id = 0;
   Ending ending = Ending::kTerminated;
@@ -40,9 +41,10 @@ struct SkillResult {
   std::uint64_t limited_cycles = 0;  // in which the limiter held the reference or torque back
   std::int64_t first_command_ns = 0;  // CLOCK_MONOTONIC when its first command was sent; 0: never
   std::int64_t last_cycle_ns = 0;     // CLOCK_MONOTONIC at the end of its last cycle
-  fci::Errors errors{};          // with kRobotError
+  fci::Errors errors{};          // with kRobotError; none when the robot gave no reason but its mode
+  fci::RobotMode robot_mode = fci::RobotMode::kIdle;  // at the end
   fci::Command refused = fci::Command::kMove;  // with kRefused: which request, and
-  fci::Status status = fci::Status::kSuccess;  // the robot's answer
+  fci::Status status = fci::Status::kSuccess;  // the robot's answer; kFailed: it gave none within a second
 };
 
 }  // namespace realtime

@@ -36,6 +36,9 @@ class Driver {
   // Waits for the next state, at most a second, and keeps the newest if several have come.
   virtual Received receive(fci::RobotState& state) noexcept = 0;
 
+  // When that state was in hand; CLOCK_MONOTONIC, ns.
+  virtual std::int64_t received_ns() const noexcept = 0;
+
   // Sends the command of this cycle; its message_id is that of the state it answers.
   virtual void send(const fci::RobotCommand& command) noexcept = 0;
 

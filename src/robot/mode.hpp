@@ -18,6 +18,13 @@ struct Mode {
 
 inline constexpr Mode kTorque = {fci::ControllerMode::kExternal, fci::MotionGeneratorMode::kNone};
 
+// What an arm of that version is asked for, and reports, to run a mode: before version 10 torque alone is
+// torque beside joint velocities, which are zero.
+constexpr Mode on_wire(Mode mode, fci::Version version) {
+  if (mode == kTorque && version < 10) mode.generator = fci::MotionGeneratorMode::kJointVelocity;
+  return mode;
+}
+
 // Robot-side settings. The robot takes them only while no motion runs; nothing is sent that is in
 // force already. A setting that is not given stays as it is.
 struct Settings {
