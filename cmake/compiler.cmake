@@ -27,6 +27,7 @@ add_compile_options(-Wall -Wextra -Wpedantic)
 
 set(SANITIZE "" CACHE STRING "Sanitizers for the whole build: empty, address,undefined or thread")
 if(SANITIZE)
+  set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O1 -g1 -DNDEBUG")  # with -O2 a file that includes Pinocchio takes three minutes
   add_compile_options(-fsanitize=${SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
   add_link_options(-fsanitize=${SANITIZE})
 endif()
