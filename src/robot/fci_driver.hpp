@@ -48,7 +48,7 @@ class FciDriver final : public Driver {
   FciDriver(Peer peer, Socket tcp, Socket udp);
 
   bool take_newest(int datagrams, fci::RobotState& state) noexcept;
-  bool read_state(std::size_t size, const std::byte* datagram, fci::RobotState& state) noexcept;
+  bool read_state(const std::byte* datagram, fci::RobotState& state) noexcept;
   void read_tcp() noexcept;
   void flush() noexcept;
   void lose(const char* why) noexcept;
@@ -73,6 +73,7 @@ class FciDriver final : public Driver {
   fci::RobotState first_state_;
 
   Datagrams in_;
+  fci::RobotState scratch_;         // read, not yet judged
   sockaddr_in commands_to_{};       // where the last state came from
   std::uint64_t newest_ = 0;        // message_id
   bool any_state_ = false;

@@ -55,7 +55,7 @@ class GripperClient {
   Outcome call(const Request& request);
   void run();
   bool read_tcp();
-  bool read_udp();
+  void read_udp();
   void answer(std::uint32_t id, std::uint16_t status);
   void lose(const std::string& why);
 

@@ -1,0 +1,200 @@
+#include "robot/gripper_client.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+namespace robot {
+namespace {
+
+using namespace std::chrono_literals;
+namespace gripper = fci::gripper;
+
+constexpr auto kConnectTime = 2s;
+constexpr auto kStateAge = 1s;
+constexpr std::size_t kStatusSize = sizeof(std::uint16_t);
+constexpr std::size_t kMaxResponse = 4096;  // bytes: above this it is garbage
+
+const std::string kRemedy =
+    "Check that a hand is mounted and set up in Desk (for a simulated arm: that fci-sim runs at this address).";
+
+template <class Request>
+std::size_t write_request(std::uint32_t id, const Request& request, std::span<std::byte> out) {
+  const std::size_t size = gripper::kHeaderSize + fci::size_of<Request>(gripper::kVersion);
+  fci::write(gripper::kVersion, gripper::Header{Request::kCommand, id, static_cast<std::uint32_t>(size)}, out);
+  fci::write(gripper::kVersion, request, out.subspan(gripper::kHeaderSize));
+  return size;
+}
+
+}  // namespace
+
+GripperClient::GripperClient(const std::string& address)
+    : peer_("the hand", address, gripper::kPort, kRemedy) {
+  const auto deadline = Clock::now() + kConnectTime;
+  tcp_ = peer_.connect(deadline);
+  std::uint16_t port = 0;
+  udp_ = peer_.udp(tcp_, port);
+  wake_ = Socket(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC));
+
+  std::array<std::byte, 64> bytes;
+  peer_.send(tcp_, std::span(bytes).first(write_request(0, gripper::Connect{gripper::kVersion, port}, bytes)),
+             deadline);
+
+  const std::string what = "its answer to Connect";
+  std::array<std::byte, gripper::kHeaderSize> head;
+  peer_.receive(tcp_, head, what, deadline);
+  gripper::Header header;
+  fci::read(gripper::kVersion, head, header);
+  const std::size_t least = fci::size_of<gripper::ConnectResponse>(gripper::kVersion);
+  if (header.command != gripper::Command::kConnect || header.size < gripper::kHeaderSize + least ||
+      header.size > gripper::kHeaderSize + bytes.size()) {
+    throw ConnectError("What answers at " + peer_.endpoint() + " is no hand: instead of the answer to Connect (" +
+                       std::to_string(gripper::kHeaderSize + least) + " bytes) came a message with command " +
+                       std::to_string(static_cast<unsigned>(header.command)) + " and size " +
+                       std::to_string(header.size) + ". Check the address.");
+  }
+  const auto body = std::span(bytes).first(header.size - gripper::kHeaderSize);
+  peer_.receive(tcp_, body, what, deadline);
+  gripper::ConnectResponse response;
+  fci::read(gripper::kVersion, body, response);
+  if (response.status != gripper::ConnectStatus::kSuccess) {
+    throw ConnectError("The hand at " + peer_.endpoint() + " speaks protocol version " +
+                       std::to_string(response.version) + "; this program speaks " +
+                       std::to_string(gripper::kVersion) + " (Panda system 3.0 and later).");
+  }
+  reader_ = std::thread([this] { run(); });
+}
+
+GripperClient::~GripperClient() {
+  cancel();
+  reader_.join();
+}
+
+GripperClient::Outcome GripperClient::homing() { return call(gripper::Homing{}); }
+GripperClient::Outcome GripperClient::stop() { return call(gripper::Stop{}); }
+GripperClient::Outcome GripperClient::grasp(const gripper::Grasp& request) { return call(request); }
+GripperClient::Outcome GripperClient::move(double width, double speed) {
+  return call(gripper::Move{width, speed});
+}
+
+template <class Request>
+GripperClient::Outcome GripperClient::call(const Request& request) {
+  std::unique_lock lock(mutex_);
+  if (cancelled_) return Outcome::kCancelled;
+  if (!lost_.empty()) return Outcome::kLost;
+
+  Call call{next_id_++, std::nullopt};
+  waiting_.push_back(&call);
+  std::array<std::byte, 64> bytes;
+  const std::size_t size = write_request(call.id, request, bytes);
+  try {
+    peer_.send(tcp_, std::span(bytes).first(size), Clock::now() + kConnectTime);
+  } catch (const ConnectError& error) {
+    if (lost_.empty()) lost_ = error.what();
+  }
+  answered_.wait(lock, [&] { return call.outcome || cancelled_ || !lost_.empty(); });
+  std::erase(waiting_, &call);
+  return call.outcome.value_or(cancelled_ ? Outcome::kCancelled : Outcome::kLost);
+}
+
+void GripperClient::cancel() {
+  {
+    const std::lock_guard lock(mutex_);
+    cancelled_ = true;
+  }
+  answered_.notify_all();
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const ssize_t written = ::write(wake_.fd(), &one, sizeof(one));
+}
+
+std::optional<gripper::State> GripperClient::state() const {
+  const std::lock_guard lock(mutex_);
+  if (!lost_.empty() || Clock::now() - state_time_ > kStateAge) return std::nullopt;
+  return state_;
+}
+
+std::string GripperClient::lost() const {
+  const std::lock_guard lock(mutex_);
+  return lost_;
+}
+
+void GripperClient::lose(const std::string& why) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (lost_.empty()) lost_ = why;
+  }
+  answered_.notify_all();
+}
+
+void GripperClient::run() {
+  std::array<pollfd, 3> fds = {{{wake_.fd(), POLLIN, 0}, {tcp_.fd(), POLLIN, 0}, {udp_.fd(), POLLIN, 0}}};
+  for (;;) {
+    if (::poll(fds.data(), fds.size(), -1) < 0) continue;
+    if (fds[0].revents != 0) return;
+    if (fds[2].revents != 0) read_udp();
+    if (fds[1].revents != 0 && !read_tcp()) return;
+  }
+}
+
+void GripperClient::read_udp() {
+  std::array<std::byte, gripper::kStateSize + 1> datagram;
+  sockaddr_in from{};
+  socklen_t from_size = sizeof(from);
+  const ssize_t size = ::recvfrom(udp_.fd(), datagram.data(), datagram.size(), MSG_DONTWAIT,
+                                  reinterpret_cast<sockaddr*>(&from), &from_size);
+  if (size != static_cast<ssize_t>(gripper::kStateSize) ||
+      from.sin_addr.s_addr != peer_.address.sin_addr.s_addr) {
+    return;
+  }
+  gripper::State state;
+  fci::read(gripper::kVersion, datagram, state);
+  if (!std::isfinite(state.width) || !std::isfinite(state.max_width)) return;
+  const std::lock_guard lock(mutex_);
+  if (state_ && state.message_id <= state_->message_id) return;
+  state_ = state;
+  state_time_ = Clock::now();
+}
+
+bool GripperClient::read_tcp() {
+  std::array<std::byte, 512> bytes;
+  const ssize_t got = ::recv(tcp_.fd(), bytes.data(), bytes.size(), MSG_DONTWAIT);
+  if (got < 0 && (errno == EAGAIN || errno == EINTR)) return true;
+  if (got <= 0) {
+    lose("The hand closed the connection.");
+    return false;
+  }
+  in_.insert(in_.end(), bytes.begin(), bytes.begin() + got);
+  while (in_.size() >= gripper::kHeaderSize + kStatusSize) {
+    gripper::Header header;
+    fci::read(gripper::kVersion, in_, header);
+    if (header.size < gripper::kHeaderSize + kStatusSize || header.size > kMaxResponse) {
+      lose("The hand sent garbage: a response of " + std::to_string(header.size) + " bytes.");
+      return false;
+    }
+    if (in_.size() < header.size) break;
+    std::uint16_t status;
+    std::memcpy(&status, in_.data() + gripper::kHeaderSize, sizeof(status));
+    answer(header.command_id, status);
+    in_.erase(in_.begin(), in_.begin() + header.size);
+  }
+  return true;
+}
+
+void GripperClient::answer(std::uint32_t id, std::uint16_t status) {
+  static constexpr std::array kOutcomes = {Outcome::kSuccess, Outcome::kFailed, Outcome::kUnsuccessful,
+                                           Outcome::kAborted};
+  {
+    const std::lock_guard lock(mutex_);
+    const auto call = std::find_if(waiting_.begin(), waiting_.end(), [&](const Call* c) { return c->id == id; });
+    if (call == waiting_.end()) return;
+    (*call)->outcome = status < kOutcomes.size() ? kOutcomes[status] : Outcome::kFailed;
+  }
+  answered_.notify_all();
+}
+
+}  // namespace robot
