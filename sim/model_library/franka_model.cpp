@@ -193,8 +193,8 @@ void M_NE(const double* q, const double* I_total, double m_total, const double* 
 
 void c_NE(const double* q, const double* dq, const double* I_total, double m_total, const double* F_x_Ctotal,
           double* out) {
-  Eigen::Map<Vector7>(out, 7) = newton_euler(place(q), Vector7(dq), Vector7::Zero(), Vector3d::Zero(),
-                                             tool_of(I_total, m_total, F_x_Ctotal));
+  Eigen::Map<Vector7>(out, 7) =
+      newton_euler(place(q), Vector7(dq), Vector7::Zero(), Vector3d::Zero(), tool_of(I_total, m_total, F_x_Ctotal));
 }
 
 void g_NE(const double* q, const double* g_earth, double m_total, const double* F_x_Ctotal, double* out) {

@@ -1,14 +1,16 @@
 #include "sim/model_library/model_library.hpp"
 
 // The libraries' files as constants of this object; the build gives the directory.
-#define EMBED(name)                                                              \
-  asm(".pushsection .rodata\n"                                                   \
-      ".balign 16\n"                                                             \
-      #name "_begin:\n"                                                          \
-      ".incbin \"" FRANKA_MODEL_DIR "/" #name ".so\"\n"                          \
-      #name "_end:\n"                                                            \
-      ".popsection");                                                            \
+// clang-format off
+#define EMBED(name)                                     \
+  asm(".pushsection .rodata\n"                          \
+      ".balign 16\n"                                    \
+      #name "_begin:\n"                                 \
+      ".incbin \"" FRANKA_MODEL_DIR "/" #name ".so\"\n" \
+      #name "_end:\n"                                   \
+      ".popsection");                                   \
   extern "C" const std::byte name##_begin[], name##_end[];
+// clang-format on
 
 EMBED(franka_model_fer)
 EMBED(franka_model_fr3)
