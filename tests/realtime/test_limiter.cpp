@@ -1,0 +1,432 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "allocation_counter.hpp"
+#include "models/arm.hpp"
+#include "realtime/limiter.hpp"
+#include "realtime/rotation.hpp"
+
+namespace {
+
+using realtime::Reference;
+using realtime::ReferenceKind;
+using realtime::Vector3;
+using realtime::Vector7;
+
+constexpr double kDt = 0.001;
+
+// The robot's judgement: backward differences over 1 ms, with the reference and its derivatives before
+// the first sample known.
+struct JointJudge {
+  const models::Limits& limits;
+  Vector7 q, v, a;
+  double worst_v = 0, worst_a = 0, worst_j = 0, worst_q = 0;  // of the limits; worst_q in rad beyond
+
+  JointJudge(const models::Limits& limits, const Reference& from) : limits(limits) {
+    q = from.joint.q;
+    v = from.joint.dq - kDt / 2 * from.joint.ddq;
+    a = from.joint.ddq;
+  }
+
+  void see(const Vector7& next) {
+    const Vector7 v1 = (next - q) / kDt;
+    const Vector7 a1 = (v1 - v) / kDt;
+    const Vector7 j1 = (a1 - a) / kDt;
+    for (int i = 0; i < 7; ++i) {
+      const double v_max = v1[i] > 0 ? limits.dq_upper(i, next[i]) : -limits.dq_lower(i, next[i]);
+      if (std::abs(v1[i]) > 1e-9) worst_v = std::max(worst_v, std::abs(v1[i]) / std::max(v_max, 1e-9));
+      worst_a = std::max(worst_a, std::abs(a1[i]) / limits.ddq_max[i]);
+      worst_j = std::max(worst_j, std::abs(j1[i]) / limits.dddq_max[i]);
+      worst_q = std::max({worst_q, next[i] - limits.q_max[i], limits.q_min[i] - next[i]});
+    }
+    q = next;
+    v = v1;
+    a = a1;
+  }
+  bool obeyed() const { return worst_v <= 1 && worst_a <= 1 && worst_j <= 1 && worst_q <= 0; }
+  std::string text() const {
+    return "velocity " + std::to_string(worst_v) + ", acceleration " + std::to_string(worst_a) +
+           ", jerk " + std::to_string(worst_j) + " of the limits, position beyond by " +
+           std::to_string(worst_q);
+  }
+};
+
+struct PoseJudge {
+  const models::Limits& limits;
+  Vector3 p, w_v, w_a, v, a;
+  Eigen::Quaterniond R;
+  double worst = 0;  // of the limits
+
+  PoseJudge(const models::Limits& limits, const Reference& from) : limits(limits) {
+    p = from.cartesian.position;
+    R = from.cartesian.orientation;
+    v = from.cartesian.velocity.head<3>() - kDt / 2 * from.cartesian.acceleration.head<3>();
+    a = from.cartesian.acceleration.head<3>();
+    w_v = from.cartesian.velocity.tail<3>() - kDt / 2 * from.cartesian.acceleration.tail<3>();
+    w_a = from.cartesian.acceleration.tail<3>();
+  }
+
+  void see(const realtime::CartesianReference& next) {
+    judge((next.position - p) / kDt, v, a, limits.translation);
+    const Eigen::AngleAxisd turn(next.orientation * R.conjugate());
+    const double angle = turn.angle() > M_PI ? turn.angle() - 2 * M_PI : turn.angle();
+    judge(turn.axis() * angle / kDt, w_v, w_a, limits.rotation);
+    p = next.position;
+    R = next.orientation;
+  }
+  void judge(const Vector3& v1, Vector3& v0, Vector3& a0, const models::Limits::Rates& rates) {
+    const Vector3 a1 = (v1 - v0) / kDt;
+    const Vector3 j1 = (a1 - a0) / kDt;
+    worst = std::max({worst, v1.norm() / rates.velocity, a1.norm() / rates.acceleration,
+                      j1.norm() / rates.jerk});
+    v0 = v1;
+    a0 = a1;
+  }
+  bool obeyed() const { return worst <= 1; }
+};
+
+struct Case {
+  const char* arm;
+  std::uint16_t version;
+};
+std::string name_of(const testing::TestParamInfo<Case>& info) { return info.param.arm; }
+
+class AnyArm : public testing::TestWithParam<Case> {
+ protected:
+  const models::Limits& limits = models::limits(models::arm(GetParam().arm), GetParam().version);
+  std::mt19937 random{1234};
+  double uniform(double low, double high) { return std::uniform_real_distribution<>(low, high)(random); }
+  double gauss() { return std::normal_distribution<>()(random); }
+  Vector3 direction() { return Vector3(gauss(), gauss(), gauss()).normalized(); }
+
+  Reference joint_start() {
+    Reference from;
+    for (int i = 0; i < 7; ++i) {
+      const double middle = (limits.q_min[i] + limits.q_max[i]) / 2;
+      const double half = (limits.q_max[i] - limits.q_min[i]) / 2;
+      from.joint.q[i] = middle + uniform(-0.3, 0.3) * half;
+      const double room = std::min(limits.dq_upper(i, from.joint.q[i]), -limits.dq_lower(i, from.joint.q[i]));
+      from.joint.dq[i] = uniform(-0.6, 0.6) * room;
+      from.joint.ddq[i] = uniform(-0.9, 0.9) * limits.ddq_max[i];
+    }
+    return from;
+  }
+
+  Reference pose_start() {
+    Reference from;
+    from.kind = ReferenceKind::kCartesian;
+    from.cartesian.position = Vector3(0.5, 0, 0.4);
+    from.cartesian.orientation = realtime::exp(uniform(0, 3) * direction());
+    from.cartesian.velocity << uniform(0, 0.9) * limits.translation.velocity * direction(),
+        uniform(0, 0.9) * limits.rotation.velocity * direction();
+    from.cartesian.acceleration << uniform(0, 0.9) * limits.translation.acceleration * direction(),
+        uniform(0, 0.9) * limits.rotation.acceleration * direction();
+    return from;
+  }
+};
+
+INSTANTIATE_TEST_SUITE_P(Arms, AnyArm, testing::Values(Case{"fer", 5}, Case{"fr3", 10}), name_of);
+
+// References nobody should send: steps across the range and beyond, ramps too fast, noise, NaN.
+TEST_P(AnyArm, whatever_joint_reference_is_asked_for_the_output_obeys_the_limits) {
+  for (int kind = 0; kind < 5; ++kind) {
+    for (int trial = 0; trial < 12; ++trial) {
+      const Reference from = joint_start();
+      realtime::Limiter limiter(limits);
+      limiter.reset(from);
+      JointJudge asked(limits, from), got(limits, from);
+      Reference wanted = from, out;
+      Vector7 rate;
+      for (int k = 0; k < 1500; ++k) {
+        const double t = k * kDt;
+        for (int i = 0; i < 7; ++i) {
+          const double range = limits.q_max[i] - limits.q_min[i];
+          if (kind == 0 && k % 400 == 0) {  // steps, sometimes outside of the range
+            wanted.joint.q[i] = limits.q_min[i] + uniform(-0.2, 1.2) * range;
+            wanted.joint.dq[i] = wanted.joint.ddq[i] = 0;
+          } else if (kind == 1) {  // ramps up to twice as fast as allowed
+            if (k % 300 == 0) rate[i] = uniform(-2, 2) * limits.dq_max[i];
+            wanted.joint.q[i] += rate[i] * kDt;
+            wanted.joint.dq[i] = rate[i];
+            wanted.joint.ddq[i] = 0;
+          } else if (kind == 2) {  // noise
+            wanted.joint.q[i] = from.joint.q[i] + 0.01 * gauss();
+            wanted.joint.dq[i] = 10 * gauss();
+            wanted.joint.ddq[i] = 1000 * gauss();
+          } else if (kind == 3) {  // a sine of too much of everything, now and then not a number
+            const double w = 2 + 2 * i;
+            wanted.joint.q[i] = from.joint.q[i] + 0.3 * range * std::sin(w * t);
+            wanted.joint.dq[i] = 0.3 * range * w * std::cos(w * t);
+            wanted.joint.ddq[i] = -0.3 * range * w * w * std::sin(w * t);
+            if (k % 97 == 0 && i == k % 7) wanted.joint.q[i] = std::nan("");
+          } else if (kind == 4) {  // velocities that say otherwise than the positions
+            wanted.joint.q[i] = from.joint.q[i] + 0.2 * range * std::sin(3 * t);
+            wanted.joint.dq[i] = uniform(-1, 1);
+            wanted.joint.ddq[i] = -5;
+          }
+        }
+        limiter.follow(wanted, kDt, out);
+        asked.see(wanted.joint.q);
+        got.see(out.joint.q);
+        ASSERT_TRUE(got.obeyed()) << "kind " << kind << " trial " << trial << " cycle " << k << ": " << got.text();
+      }
+      EXPECT_FALSE(asked.obeyed()) << "kind " << kind << " asks for nothing forbidden";
+    }
+  }
+}
+
+TEST_P(AnyArm, whatever_pose_is_asked_for_the_output_obeys_the_limits) {
+  for (int kind = 0; kind < 4; ++kind) {
+    for (int trial = 0; trial < 12; ++trial) {
+      const Reference from = pose_start();
+      realtime::Limiter limiter(limits);
+      limiter.reset(from);
+      PoseJudge asked(limits, from), got(limits, from);
+      Reference wanted = from, out;
+      wanted.cartesian.velocity.setZero();
+      wanted.cartesian.acceleration.setZero();
+      for (int k = 0; k < 1500; ++k) {
+        auto& pose = wanted.cartesian;
+        if (kind == 0 && k % 400 == 0) {
+          pose.position = 0.8 * direction();
+          pose.orientation = realtime::exp(uniform(0, 3.1) * direction());
+        } else if (kind == 1) {
+          pose.position = from.cartesian.position + 0.3 * Vector3(std::sin(0.02 * k), std::cos(0.015 * k), 0);
+          pose.orientation = realtime::exp(Vector3(2 * std::sin(0.01 * k), std::cos(0.02 * k), 0));
+        } else if (kind == 2) {
+          pose.position = from.cartesian.position + 0.01 * direction();
+          pose.orientation = realtime::exp(0.05 * direction()) * from.cartesian.orientation;
+          pose.velocity.setRandom();
+        } else if (kind == 3 && k % 50 == 0) {
+          pose.position = direction();
+          pose.orientation.w() = k % 100 == 0 ? std::nan("") : 0.5;
+        }
+        limiter.follow(wanted, kDt, out);
+        if (kind != 3) asked.see(wanted.cartesian);
+        got.see(out.cartesian);
+        ASSERT_TRUE(got.obeyed()) << "kind " << kind << " trial " << trial << " cycle " << k << ": " << got.worst;
+      }
+      if (kind != 3) {
+        EXPECT_FALSE(asked.obeyed()) << "kind " << kind << " asks for nothing forbidden";
+      }
+    }
+  }
+}
+
+TEST_P(AnyArm, a_reference_that_obeys_is_passed_on_unchanged) {
+  for (int trial = 0; trial < 20; ++trial) {
+    Reference wanted;
+    const Vector7 middle = (Vector7::Map(limits.q_min.data()) + Vector7::Map(limits.q_max.data())) / 2;
+    const double w = uniform(0.5, 4);
+    const auto sine = [&](double t) {
+      for (int i = 0; i < 7; ++i) {
+        const double amplitude = 0.9 * std::min(0.8 * limits.dq_upper(i, middle[i]) / w, limits.ddq_max[i] / w / w);
+        const double reach = std::min(amplitude, 0.3 * (limits.q_max[i] - middle[i]));
+        wanted.joint.q[i] = middle[i] + reach * std::sin(w * t + i);
+        wanted.joint.dq[i] = reach * w * std::cos(w * t + i);
+        wanted.joint.ddq[i] = -reach * w * w * std::sin(w * t + i);
+      }
+    };
+    sine(0);
+    realtime::Limiter limiter(limits);
+    limiter.reset(wanted);
+    Reference out;
+    for (int k = 1; k < 3000; ++k) {
+      sine(k * kDt);
+      ASSERT_FALSE(limiter.follow(wanted, kDt, out)) << "trial " << trial << " cycle " << k;
+      ASSERT_EQ(out.joint.q, wanted.joint.q);
+      ASSERT_EQ(out.joint.dq, wanted.joint.dq);
+      ASSERT_EQ(out.joint.ddq, wanted.joint.ddq);
+    }
+  }
+}
+
+TEST_P(AnyArm, a_pose_reference_that_obeys_is_passed_on_unchanged) {
+  Reference wanted;
+  wanted.kind = ReferenceKind::kCartesian;
+  const Vector3 axis = direction();
+  const auto sine = [&](double t) {
+    auto& pose = wanted.cartesian;
+    pose.position = Vector3(0.5, 0.2 * std::sin(4 * t), 0.4);
+    pose.orientation = realtime::exp(0.5 * std::sin(4 * t) * axis);
+    pose.velocity << 0, 0.8 * std::cos(4 * t), 0, 2 * std::cos(4 * t) * axis;
+    pose.acceleration << 0, -3.2 * std::sin(4 * t), 0, -8 * std::sin(4 * t) * axis;
+  };
+  sine(0);
+  realtime::Limiter limiter(limits);
+  limiter.reset(wanted);
+  Reference out;
+  for (int k = 1; k < 3000; ++k) {
+    sine(k * kDt);
+    ASSERT_FALSE(limiter.follow(wanted, kDt, out)) << "cycle " << k;
+    ASSERT_EQ(out.cartesian.position, wanted.cartesian.position);
+    ASSERT_EQ(out.cartesian.orientation.coeffs(), wanted.cartesian.orientation.coeffs());
+  }
+}
+
+TEST_P(AnyArm, after_a_step_it_catches_up_and_passes_on_again) {
+  for (int trial = 0; trial < 10; ++trial) {
+    const double step = uniform(-0.4, 0.4);
+    Reference wanted;
+    wanted.joint.q = (Vector7::Map(limits.q_min.data()) + Vector7::Map(limits.q_max.data())) / 2;
+    const Vector7 middle = wanted.joint.q;
+    realtime::Limiter limiter(limits);
+    wanted.joint.dq.setConstant(0.1);
+    limiter.reset(wanted);
+    Reference out;
+    bool held = true;
+    int last_held = 0;
+    for (int k = 1; k < 3000; ++k) {
+      const double t = k * kDt;
+      wanted.joint.q.array() = middle.array() + step + 0.1 * std::sin(t);
+      wanted.joint.dq.setConstant(0.1 * std::cos(t));
+      wanted.joint.ddq.setConstant(-0.1 * std::sin(t));
+      held = limiter.follow(wanted, kDt, out);
+      if (held) last_held = k;
+    }
+    EXPECT_GT(last_held, 5);
+    EXPECT_LT(last_held, 1200) << "step of " << step;
+    EXPECT_EQ(out.joint.q, wanted.joint.q);
+  }
+}
+
+TEST_P(AnyArm, after_a_step_of_the_pose_it_catches_up_and_passes_on_again) {
+  for (int trial = 0; trial < 10; ++trial) {
+    Reference wanted = pose_start();
+    realtime::Limiter limiter(limits);
+    limiter.reset(wanted);
+    const Vector3 p = wanted.cartesian.position + 0.3 * direction();
+    const Vector3 axis = direction();
+    const Eigen::Quaterniond R = realtime::exp(uniform(0.5, 2.8) * direction()) * wanted.cartesian.orientation;
+    Reference out;
+    int last_held = 0;
+    for (int k = 1; k < 5000; ++k) {
+      const double t = k * kDt;
+      auto& pose = wanted.cartesian;
+      pose.position = p + 0.1 * std::sin(t) * axis;
+      pose.orientation = realtime::exp(0.2 * std::sin(t) * axis) * R;
+      pose.velocity << 0.1 * std::cos(t) * axis, 0.2 * std::cos(t) * axis;
+      pose.acceleration << -0.1 * std::sin(t) * axis, -0.2 * std::sin(t) * axis;
+      if (limiter.follow(wanted, kDt, out)) last_held = k;
+    }
+    EXPECT_GT(last_held, 5);
+    EXPECT_LT(last_held, 3500);
+    EXPECT_EQ(out.cartesian.position, wanted.cartesian.position);
+  }
+}
+
+TEST_P(AnyArm, braking_obeys_the_limits_and_ends_at_rest) {
+  for (int trial = 0; trial < 50; ++trial) {
+    for (const bool joint : {true, false}) {
+      const Reference from = joint ? joint_start() : pose_start();
+      realtime::Limiter limiter(limits);
+      limiter.reset(from);
+      EXPECT_FALSE(limiter.at_rest());
+      JointJudge joints(limits, from);
+      PoseJudge pose(limits, from);
+      Reference out;
+      int cycles = 0;
+      while (!limiter.brake(kDt, out)) {
+        ASSERT_LT(++cycles, 600) << "does not come to rest";
+        if (joint) joints.see(out.joint.q);
+        if (!joint) pose.see(out.cartesian);
+      }
+      if (joint) EXPECT_TRUE(joints.obeyed()) << joints.text();
+      if (!joint) EXPECT_TRUE(pose.obeyed()) << pose.worst;
+      EXPECT_TRUE(limiter.at_rest());
+      Reference still;
+      limiter.brake(kDt, still);
+      EXPECT_EQ(still.joint.q, out.joint.q);
+      EXPECT_EQ(still.cartesian.position, out.cartesian.position);
+    }
+  }
+}
+
+TEST_P(AnyArm, coasting_continues_with_constant_acceleration) {
+  const Reference from = joint_start();
+  realtime::Limiter limiter(limits);
+  limiter.reset(from);
+  Reference out;
+  for (int k = 1; k <= 5; ++k) limiter.coast(kDt, out);
+  const double t = 5 * kDt;
+  const Vector7 expected = from.joint.q + t * from.joint.dq + t * t / 2 * from.joint.ddq;
+  EXPECT_LT((out.joint.q - expected).cwiseAbs().maxCoeff(), 1e-12);
+
+  JointJudge judge(limits, out);
+  for (int k = 0; k < 500; ++k) {
+    Reference next;
+    limiter.follow(from, kDt, next);
+    judge.see(next.joint.q);
+  }
+  EXPECT_TRUE(judge.obeyed()) << judge.text();
+}
+
+TEST_P(AnyArm, near_the_end_of_the_range_nothing_is_asked_for_that_cannot_be_stopped) {
+  for (int i = 0; i < 7; ++i) {
+    for (const double sign : {-1.0, 1.0}) {
+      Reference wanted;
+      wanted.joint.q = (Vector7::Map(limits.q_min.data()) + Vector7::Map(limits.q_max.data())) / 2;
+      realtime::Limiter limiter(limits);
+      limiter.reset(wanted);
+      JointJudge judge(limits, wanted);
+      Reference out;
+      for (int k = 0; k < 4000; ++k) {
+        wanted.joint.q[i] += sign * 0.8 * limits.dq_max[i] * kDt;
+        wanted.joint.dq[i] = sign * 0.8 * limits.dq_max[i];
+        limiter.follow(wanted, kDt, out);
+        judge.see(out.joint.q);
+      }
+      EXPECT_TRUE(judge.obeyed()) << "joint " << i << ": " << judge.text();
+      EXPECT_LT(std::abs(judge.v[i]), 0.05) << "joint " << i;
+    }
+  }
+}
+
+TEST_P(AnyArm, torque_and_its_rate_stay_within_the_limits) {
+  realtime::TorqueLimiter limiter(limits);
+  Vector7 last = Vector7::Zero(), out;
+  bool broke = false;
+  for (int k = 0; k < 5000; ++k) {
+    Vector7 wanted = 200 * Vector7::Random();
+    if (k % 11 == 0) wanted[k % 7] = std::nan("");
+    if (k % 13 == 0) wanted[k % 7] = INFINITY;
+    if (k > 2500) wanted.setConstant(200);
+    EXPECT_TRUE(limiter.limit(wanted, last, kDt, out));
+    for (int i = 0; i < 7; ++i) {
+      ASSERT_LE(std::abs(out[i]), limits.tau_max[i]);
+      ASSERT_LE(std::abs(out[i] - last[i]), limits.dtau_max[i] * kDt);
+      broke |= std::abs(wanted[i]) > limits.tau_max[i];
+    }
+    last = out;
+  }
+  EXPECT_TRUE(broke);
+  const Vector7 near = last.array() - 0.5;
+  EXPECT_FALSE(limiter.limit(near, last, kDt, out));
+  EXPECT_EQ(out, near);
+}
+
+TEST_P(AnyArm, the_limiter_allocates_nothing) {
+  if (!testing_tools::kCountsAllocations) GTEST_SKIP() << "the heap belongs to a sanitizer";
+  realtime::Limiter limiter(limits);
+  Reference joint = joint_start(), pose = pose_start(), out;
+  testing_tools::AllocationCounter allocations;
+  for (const Reference& from : {joint, pose}) {
+    limiter.reset(from);
+    Reference wanted = from;
+    for (int k = 0; k < 2000; ++k) {
+      wanted.joint.q[k % 7] += k % 100 == 0 ? 0.1 : 1e-5;
+      wanted.cartesian.position.x() += k % 100 == 0 ? 0.1 : 1e-5;
+      limiter.follow(wanted, kDt, out);
+    }
+    while (!limiter.brake(kDt, out)) {
+    }
+    limiter.coast(kDt, out);
+  }
+  EXPECT_EQ(allocations.count(), 0);
+}
+
+}  // namespace
