@@ -12,9 +12,9 @@ struct Cycle {
   const Model& model;       // updated for state.q, state.dq
   double time = 0;          // s of the robot's clock since the reference that the skill began from
   double dt = 0.001;        // s since the cycle before; more than 1 ms when states were lost
-  Vector7 q, dq;            // measured
-  Eigen::Isometry3d O_T_EE; // measured
-  Vector7 tau_J_d;          // last commanded torque, ours in double; zero outside torque control
+  Vector7 q = Vector7::Zero(), dq = Vector7::Zero();         // measured
+  Eigen::Isometry3d O_T_EE = Eigen::Isometry3d::Identity();  // measured
+  Vector7 tau_J_d = Vector7::Zero();  // last commanded torque, ours in double; zero outside torque control
 };
 
 }  // namespace realtime

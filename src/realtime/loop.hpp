@@ -1,7 +1,10 @@
 #pragma once
 
+#include <array>
+
 #include "models/arm.hpp"
 #include "realtime/door.hpp"
+#include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
 #include "robot/driver.hpp"
 
@@ -14,11 +17,14 @@ class Loop {
  public:
   struct Options {
     double hold_time = 2.0;    // s that a motion is kept with nothing to do before it is finished
-    robot::Settings settings;  // in force before the first motion (tool, load, thresholds)
+    robot::Settings settings;  // in force for each motion (tool, load, thresholds) unless its skill says otherwise
   };
 
+  // All must outlive the loop.
   Loop(robot::Driver& driver, Model& model, const models::Limits& limits, const Options& options,
        Door& door);
+  ~Loop();
+  Loop(const Loop&) = delete;
 
   // Cycles until the end; false when the connection was lost.
   bool run() noexcept;
@@ -26,7 +32,110 @@ class Loop {
   // One cycle; false when there will be no other.
   bool cycle() noexcept;
 
-  // Its steps and state are private to loop.cpp's author.
+ private:
+  static constexpr double kTick = 0.001;  // s
+
+  // The steps of a cycle, in order.
+  bool receive() noexcept;
+  void observe() noexcept;
+  void take_answers() noexcept;
+  void watch_robot() noexcept;
+  void change_skill() noexcept;
+  void prepare_motion() noexcept;
+  void generate_reference() noexcept;
+  void compute_torque() noexcept;
+  void send_command() noexcept;
+  void terminate_skill() noexcept;
+  void publish() noexcept;
+
+  // Skills: each comes through the door once, gets one result, and is retired once.
+  void end(Skill* skill, Ending ending) noexcept;
+  void drop_next(Ending ending, fci::Command refused = fci::Command::kMove,
+                 fci::Status status = fci::Status::kSuccess) noexcept;
+  void stop_running(Ending ending, int termination = -1) noexcept;
+  void post_result(SkillResult result, const Skill& skill) noexcept;
+  void lose_connection() noexcept;
+  void start_skill() noexcept;
+  void take_over() noexcept;
+  void change_kind(ReferenceKind kind) noexcept;
+  bool fits_motion(const Skill& skill) const noexcept;
+  void hold() noexcept;
+  void leave_motion() noexcept;
+
+  // The robot's side.
+  void configure() noexcept;
+  void start_motion() noexcept;
+  void begin_motion() noexcept;
+  void end_motion(Phase phase) noexcept;
+  void fail_motion() noexcept;
+  void recover() noexcept;
+  void answer_recovery(bool recovered, fci::Status status) noexcept;
+  bool robot_idle() const noexcept;
+  bool robot_matches() const noexcept;
+  bool in_motion() const noexcept;
+  void update_tool() noexcept;
+  Reference reference_at_start() const noexcept;
+  void set_deadline(std::uint64_t milliseconds) noexcept { deadline_ = state_.message_id + milliseconds; }
+  bool overdue() const noexcept { return state_.message_id >= deadline_; }
+
+  robot::Driver& driver_;
+  Model& model_;
+  const Options options_;
+  Door& door_;
+  Limiter limiter_;
+  TorqueLimiter torque_limiter_;
+
+  Phase phase_ = Phase::kConnecting;
+  std::uint64_t deadline_ = 0;  // message_id at which waiting for the robot ends
+  bool quit_ = false;           // from the door
+  bool ended_ = false;          // no other cycle
+  bool lost_ = false;           // the connection
+
+  // What the robot says.
+  fci::RobotState state_;
+  fci::RobotState tool_state_;  // whose tool the model has
+  std::uint64_t ticks_ = 1;     // ms since the last state
+  std::uint64_t cycles_ = 0, lost_states_ = 0;
+  Cycle cycle_{state_, model_};
+
+  // Skills.
+  Skill* next_ = nullptr;    // waits for a motion of its own
+  Skill* skill_ = nullptr;   // runs, or is braked to its end
+  Skill* holder_ = nullptr;  // whose controller commands: skill_, or the last one
+  Ending ending_ = Ending::kTerminated;  // of skill_, once it is at rest
+  int termination_ = -1;
+  double skill_time_ = 0;    // s
+  bool trajectory_over_ = false;
+  bool faulty_ = false;      // the holder's controller gave what is not finite
+  std::uint64_t limited_cycles_ = 0;
+  bool leaving_ = false;     // no skill, and the motion is to be finished as soon as the arm rests
+  std::uint64_t hold_until_ = 0;  // message_id
+
+  // What is commanded.
+  robot::Mode mode_, wire_mode_;  // of the motion; as the robot names it
+  Reference wanted_, reference_;  // before and after the limits
+  bool limited_ = false;
+  Vector7 tau_J_d_ = Vector7::Zero();
+  fci::RobotCommand command_;
+  bool sent_ = false;             // in this cycle
+  std::uint64_t commanded_skill_ = 0;  // its id, in this cycle; 0: none
+  std::int64_t compute_ns_ = 0;
+
+  // Requests whose answers are awaited.
+  struct Setter {
+    robot::Request request;
+    std::optional<std::uint32_t> id;  // none: not sent yet
+    bool answered = false;
+  };
+  std::array<Setter, 6> setters_;
+  std::size_t setter_count_ = 0;
+  robot::Settings in_force_;  // as far as known
+  bool configured_ = false;   // options_.settings were sent once, so that reads are right before any motion
+  std::optional<std::uint32_t> move_id_, recovery_id_;
+  bool recovery_accepted_ = false;
+  bool stop_sent_ = false;
+  std::optional<fci::Status> motion_answer_;  // the end of the motion, before the states show it
+  std::uint64_t motion_answer_until_ = 0;     // message_id
 };
 
 }  // namespace realtime

@@ -1,0 +1,664 @@
+#include "realtime/loop.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <limits>
+
+namespace realtime {
+namespace {
+
+constexpr std::uint64_t kAnswerTime = 1000;     // ms for the robot to answer a request or to change its modes
+constexpr std::uint64_t kRecoveryTime = 10000;  // ms: brakes are opened on the way
+constexpr std::uint64_t kAnswerLead = 20;       // ms by which the answer to Move may precede its state
+constexpr std::uint64_t kMaxTicks = 50;         // ms followed through a gap; the robot gives up after 20
+constexpr std::size_t kDoorRoom = 4;            // results and skills that one more skill may send back at once
+
+// Finishing a motion while the arm moves is a reflex; under torque control it may still swing when the reference
+// rests.
+constexpr double kSlow = 0.01;                 // rad/s
+constexpr std::uint64_t kSettlingTime = 1000;  // ms after which it is finished nevertheless
+
+// Torque that brings an arm to rest whose controller has failed: damping, N m s/rad.
+const Vector7 kFaultDamping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
+
+// The last commanded pose is believed if it is a pose, and this near to the measured one (m).
+constexpr double kMaxPoseError = 0.1;
+
+std::int64_t now_ns() {
+  timespec now;
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
+}
+
+Vector7 vector(const fci::Vector7& values) { return Vector7::Map(values.data()); }
+
+void copy(const Vector7& from, fci::Vector7& to) { Vector7::Map(to.data()) = from; }
+
+Eigen::Isometry3d pose(const fci::Pose& values) {
+  Eigen::Isometry3d T;
+  T.matrix() = Eigen::Matrix4d::Map(values.data());
+  return T;
+}
+
+bool is_pose(const fci::Pose& values) {
+  const Eigen::Matrix4d T = Eigen::Matrix4d::Map(values.data());
+  const Eigen::Matrix3d R = T.topLeftCorner<3, 3>();
+  return T.row(3).isApprox(Eigen::RowVector4d(0, 0, 0, 1), 1e-3) && (R.transpose() * R).isIdentity(1e-3) &&
+         R.determinant() > 0;
+}
+
+bool is_finite(const Reference& reference) {
+  if (reference.kind == ReferenceKind::kJoint) {
+    const JointReference& joint = reference.joint;
+    return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
+  }
+  const CartesianReference& pose = reference.cartesian;
+  return pose.position.allFinite() && pose.orientation.coeffs().allFinite() && pose.velocity.allFinite() &&
+         pose.acceleration.allFinite();
+}
+
+// Calls visit(needed, in force) for each setting that `skill` (or else `base`) gives and that is not in force.
+template <class Visit>
+void for_each_change(const robot::Settings& skill, const robot::Settings& base, const robot::Settings& in_force,
+                     Visit visit) {
+  const auto compare = [&](auto member) {
+    const auto& wanted = skill.*member ? skill.*member : base.*member;
+    if (wanted && wanted != in_force.*member) visit(*wanted);
+  };
+  compare(&robot::Settings::NE_T_EE);
+  compare(&robot::Settings::EE_T_K);
+  compare(&robot::Settings::load);
+  compare(&robot::Settings::collision_behavior);
+  compare(&robot::Settings::joint_impedance);
+  compare(&robot::Settings::cartesian_impedance);
+}
+
+// Notes that the robot has accepted a setting.
+struct Remember {
+  robot::Settings& in_force;
+  void operator()(const fci::SetJointImpedance& value) const { in_force.joint_impedance = value; }
+  void operator()(const fci::SetCartesianImpedance& value) const { in_force.cartesian_impedance = value; }
+  void operator()(const fci::SetCollisionBehavior& value) const { in_force.collision_behavior = value; }
+  void operator()(const fci::SetEEToK& value) const { in_force.EE_T_K = value; }
+  void operator()(const fci::SetNEToEE& value) const { in_force.NE_T_EE = value; }
+  void operator()(const fci::SetLoad& value) const { in_force.load = value; }
+  template <class Other>
+  void operator()(const Other&) const {}
+};
+
+}  // namespace
+
+Loop::Loop(robot::Driver& driver, Model& model, const models::Limits& limits, const Options& options, Door& door)
+    : driver_(driver), model_(model), options_(options), door_(door), limiter_(limits), torque_limiter_(limits) {
+  tool_state_.m_ee = -1;  // so that the first state's is taken
+}
+
+Loop::~Loop() {
+  if (holder_ != skill_) delete holder_;
+  delete skill_;
+  delete next_;
+}
+
+bool Loop::run() noexcept {
+  while (cycle()) {
+  }
+  return !lost_;
+}
+
+bool Loop::cycle() noexcept {
+  if (!receive()) return false;
+  observe();
+  take_answers();
+  watch_robot();
+  change_skill();
+  prepare_motion();
+  if (in_motion()) {
+    generate_reference();
+    compute_torque();
+  }
+  send_command();
+  terminate_skill();
+  publish();
+  return !ended_;
+}
+
+// --- steps of a cycle ----------------------------------------------------------------------------------------------
+
+bool Loop::receive() noexcept {
+  const std::uint64_t last = state_.message_id;
+  if (driver_.receive(state_) != robot::Received::kState) {
+    lose_connection();
+    lost_ = true;
+    return false;
+  }
+  ticks_ = cycles_ == 0 ? 1 : state_.message_id - last;
+  lost_states_ += ticks_ - 1;
+  ++cycles_;
+  return true;
+}
+
+void Loop::observe() noexcept {
+  update_tool();
+  cycle_.q = vector(state_.q);
+  cycle_.dq = vector(state_.dq);
+  cycle_.O_T_EE = pose(state_.O_T_EE);
+  cycle_.dt = static_cast<double>(ticks_) * kTick;
+  cycle_.tau_J_d = tau_J_d_;
+  model_.update(cycle_.q, cycle_.dq);
+  limited_ = false;
+}
+
+void Loop::take_answers() noexcept {
+  while (const auto answer = driver_.poll()) {
+    if (answer->id == recovery_id_) {
+      recovery_id_.reset();
+      if (answer->status == fci::Status::kSuccess) {
+        recovery_accepted_ = true;  // complete when the robot is idle
+      } else {
+        answer_recovery(false, answer->status);
+      }
+    } else if (answer->id == move_id_) {
+      if (answer->status == fci::Status::kMotionStarted) continue;
+      move_id_.reset();
+      if (phase_ == Phase::kStarting) {
+        phase_ = Phase::kIdle;
+        drop_next(Ending::kRefused, fci::Command::kMove, answer->status);
+      } else if (in_motion()) {
+        motion_answer_ = answer->status;
+        motion_answer_until_ = state_.message_id + kAnswerLead;
+      }
+    } else {
+      for (std::size_t i = 0; i < setter_count_; ++i) {
+        Setter& setter = setters_[i];
+        if (setter.answered || setter.id != answer->id) continue;
+        setter.answered = true;
+        if (answer->status == fci::Status::kSuccess) {
+          std::visit(Remember{in_force_}, setter.request);
+        } else if (phase_ == Phase::kConfiguring) {
+          phase_ = Phase::kIdle;
+          drop_next(Ending::kRefused, answer->command, answer->status);
+        }
+      }
+    }
+  }
+}
+
+void Loop::watch_robot() noexcept {
+  const bool takes_motions =
+      state_.robot_mode == fci::RobotMode::kIdle || state_.robot_mode == fci::RobotMode::kMove;
+  switch (phase_) {
+    case Phase::kConnecting:
+    case Phase::kError:
+      phase_ = robot_idle() ? Phase::kIdle : Phase::kError;
+      break;
+    case Phase::kIdle:
+    case Phase::kConfiguring:
+      if (!robot_idle()) fail_motion();
+      break;
+    case Phase::kStarting:
+      if (!takes_motions) fail_motion();
+      break;
+    case Phase::kRunning:
+    case Phase::kHolding:
+    case Phase::kBraking:
+      if (!robot_matches() || (motion_answer_ && state_.message_id >= motion_answer_until_)) fail_motion();
+      break;
+    case Phase::kFinishing:
+      if (robot_idle()) {
+        end_motion(Phase::kIdle);
+      } else if (!takes_motions || (overdue() && stop_sent_)) {
+        fail_motion();
+      } else if (overdue()) {
+        stop_sent_ = driver_.post(fci::StopMove{}).has_value();
+        set_deadline(kAnswerTime);
+      }
+      break;
+    case Phase::kRecovering:
+      if (recovery_accepted_ && robot_idle()) {
+        answer_recovery(true, fci::Status::kSuccess);
+      } else if (overdue()) {
+        answer_recovery(false, fci::Status::kFailed);
+      }
+      break;
+  }
+  if (door_.recover.load(std::memory_order_relaxed)) recover();
+}
+
+// The one place where a skill begins, gives way or is stopped.
+void Loop::change_skill() noexcept {
+  quit_ = door_.quit.load(std::memory_order_relaxed);
+  const std::uint64_t stop_up_to = door_.stop_up_to.load(std::memory_order_acquire);
+
+  const bool between = phase_ == Phase::kConfiguring || phase_ == Phase::kStarting || phase_ == Phase::kRecovering;
+  if (!between && door_.results.room() >= kDoorRoom && door_.retired.room() >= kDoorRoom) {
+    if (Skill* found = door_.next.take()) {
+      if (next_ != nullptr) drop_next(Ending::kPreempted);
+      next_ = found;
+    }
+  }
+  if (next_ != nullptr && phase_ != Phase::kStarting) {
+    if (quit_ || next_->id <= stop_up_to) {
+      if (phase_ == Phase::kConfiguring) phase_ = Phase::kIdle;
+      drop_next(Ending::kStopped);
+    } else if (phase_ == Phase::kError) {
+      drop_next(Ending::kRobotError);
+    }
+  }
+  if (phase_ == Phase::kRunning && (quit_ || skill_->id <= stop_up_to)) stop_running(Ending::kStopped);
+
+  if (in_motion() && next_ != nullptr) {
+    if (fits_motion(*next_)) {
+      take_over();
+    } else if (skill_ != nullptr) {
+      end(skill_, phase_ == Phase::kBraking ? ending_ : Ending::kPreempted);
+    }
+  }
+  if (in_motion() && skill_ == nullptr) {
+    if (next_ != nullptr || quit_ || faulty_ || state_.message_id >= hold_until_) {
+      leave_motion();
+    } else if (phase_ == Phase::kBraking && limiter_.at_rest()) {
+      hold();  // what it was left for has been stopped
+    }
+  }
+  if (quit_ && (phase_ == Phase::kIdle || phase_ == Phase::kError || phase_ == Phase::kRecovering)) ended_ = true;
+}
+
+// From a skill that waits to its first command: settings, Move, modes.
+void Loop::prepare_motion() noexcept {
+  if (phase_ == Phase::kIdle && (next_ != nullptr || !configured_)) configure();
+  if (phase_ == Phase::kConfiguring) {
+    bool all = true;
+    for (std::size_t i = 0; i < setter_count_; ++i) {
+      if (!setters_[i].id) setters_[i].id = driver_.post(setters_[i].request);
+      all &= setters_[i].answered;
+    }
+    if (all) {
+      phase_ = Phase::kIdle;
+      if (next_ != nullptr) start_motion();
+    } else if (overdue()) {
+      const auto silent = std::find_if(setters_.begin(), setters_.end(), [](const Setter& s) { return !s.answered; });
+      phase_ = Phase::kIdle;
+      drop_next(Ending::kRefused,
+                std::visit([](const auto& request) { return request.kCommand; }, silent->request),
+                fci::Status::kFailed);
+    }
+  }
+  if (phase_ == Phase::kStarting) {
+    if (!move_id_) {
+      fci::Move move;
+      move.controller_mode = wire_mode_.controller;
+      move.motion_generator_mode = wire_mode_.generator;
+      move_id_ = driver_.post(move);
+    }
+    if (robot_matches()) {
+      begin_motion();
+    } else if (overdue()) {
+      driver_.post(fci::StopMove{});  // should it start after all
+      move_id_.reset();
+      phase_ = Phase::kIdle;
+      drop_next(Ending::kRefused, fci::Command::kMove, fci::Status::kFailed);
+    }
+  }
+}
+
+void Loop::generate_reference() noexcept {
+  // Where states were lost, the robot has moved a reference of its own on with constant acceleration. One that
+  // only our own controller follows has gone where the trajectory led it.
+  std::uint64_t steps = std::min(ticks_, kMaxTicks);
+  if (!mode_.torque()) {
+    for (; steps > 1; --steps) limiter_.coast(kTick, reference_);
+  }
+  if (phase_ == Phase::kRunning) {
+    skill_time_ += cycle_.dt;
+    cycle_.time = skill_time_;
+    for (; steps > 0; --steps) {
+      const double time = skill_time_ - static_cast<double>(steps - 1) * kTick;
+      trajectory_over_ = skill_->trajectory->step(std::max(time, 0.0), wanted_);
+      limited_ |= limiter_.follow(wanted_, kTick, reference_);
+    }
+    if (!is_finite(wanted_)) stop_running(Ending::kComponentFault);
+  } else {
+    for (; steps > 0; --steps) limiter_.brake(kTick, reference_);
+  }
+}
+
+void Loop::compute_torque() noexcept {
+  if (mode_.torque()) {
+    Vector7 tau;
+    if (!faulty_) {
+      holder_->controller->step(cycle_, reference_, tau);
+      faulty_ = !tau.allFinite();
+      if (faulty_ && skill_ != nullptr) stop_running(Ending::kComponentFault);
+    }
+    if (faulty_) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
+    // The robot compares with the command before, however long ago that was.
+    limited_ |= torque_limiter_.limit(tau, tau_J_d_, kTick, tau_J_d_);
+  }
+  if (skill_ != nullptr && limited_) ++limited_cycles_;
+}
+
+void Loop::send_command() noexcept {
+  commanded_skill_ = skill_ != nullptr ? skill_->id : next_ != nullptr ? next_->id : 0;
+  sent_ = in_motion() || phase_ == Phase::kFinishing;
+  if (!sent_) return;
+  command_.message_id = state_.message_id;
+  if (phase_ == Phase::kFinishing) {
+    command_.motion_generation_finished = true;
+    command_.torque_command_finished = wire_mode_ == robot::kTorque;
+  } else {
+    copy(tau_J_d_, command_.tau_J_d);
+    switch (mode_.generator) {
+      case fci::MotionGeneratorMode::kJointPosition: copy(reference_.joint.q, command_.q_c); break;
+      case fci::MotionGeneratorMode::kJointVelocity: copy(reference_.joint.dq, command_.dq_c); break;
+      case fci::MotionGeneratorMode::kCartesianPosition: {
+        const Eigen::Matrix3d R = reference_.cartesian.orientation.toRotationMatrix();
+        Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
+        T.topLeftCorner<3, 3>() = R;
+        T.topRightCorner<3, 1>() = reference_.cartesian.position;
+        Eigen::Matrix4d::Map(command_.O_T_EE_c.data()) = T;
+        break;
+      }
+      case fci::MotionGeneratorMode::kCartesianVelocity:
+        Vector6::Map(command_.O_dP_EE_c.data()) = reference_.cartesian.velocity;
+        break;
+      default: break;  // torque alone
+    }
+  }
+  compute_ns_ = now_ns() - driver_.received_ns();
+  driver_.send(command_);
+}
+
+// A skill ends when its reference rests.
+void Loop::terminate_skill() noexcept {
+  if (phase_ == Phase::kRunning) {
+    const Progress progress{*skill_->trajectory, trajectory_over_, reference_};
+    int termination = -1;
+    for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
+      if (skill_->terminations[i]->step(cycle_, progress) && termination < 0) termination = static_cast<int>(i);
+    }
+    const bool over = skill_->terminations.empty() && trajectory_over_ && limiter_.at_rest();
+    if (over || termination >= 0) stop_running(Ending::kTerminated, termination);
+  }
+  if (phase_ == Phase::kBraking && skill_ != nullptr && limiter_.at_rest()) {
+    end(skill_, ending_);
+    hold();
+  }
+}
+
+void Loop::publish() noexcept {
+  Record* record = door_.records.back();
+  if (record == nullptr) {
+    door_.records_lost.fetch_add(1, std::memory_order_relaxed);
+    return;
+  }
+  record->state = state_;
+  record->command = command_;
+  if (!sent_) record->command.message_id = 0;
+  record->phase = phase_;
+  record->skill_id = commanded_skill_;
+  record->skill_time = sent_ && commanded_skill_ != 0 ? skill_time_ : 0;
+  record->reference = reference_;
+  record->limited = sent_ && limited_;
+  record->cycles = cycles_;
+  record->lost_states = lost_states_;
+  record->received_ns = driver_.received_ns();
+  record->compute_ns = sent_ ? compute_ns_ : 0;
+  door_.records.push();
+}
+
+// --- skills --------------------------------------------------------------------------------------------------------
+
+void Loop::post_result(SkillResult result, const Skill& skill) noexcept {
+  result.skill_id = skill.id;
+  result.robot_mode = state_.robot_mode;
+  if (result.ending == Ending::kRobotError) {
+    result.errors = fci::any(state_.errors) ? state_.errors : state_.reflex_reason;
+    if (motion_answer_) result.status = *motion_answer_;
+  }
+  door_.results.push(result);  // change_skill() has kept room
+}
+
+// The running skill is over; its controller keeps the arm until end_motion() or take_over().
+void Loop::end(Skill* skill, Ending ending) noexcept {
+  SkillResult result;
+  result.ending = ending;
+  result.termination = ending == Ending::kTerminated ? termination_ : -1;
+  result.time = skill_time_;
+  result.stretch = skill->trajectory->stretch();
+  result.limited_cycles = limited_cycles_;
+  post_result(result, *skill);
+  skill_ = nullptr;
+}
+
+// The waiting skill is over before it has begun.
+void Loop::drop_next(Ending ending, fci::Command refused, fci::Status status) noexcept {
+  if (next_ == nullptr) return;
+  SkillResult result;
+  result.ending = ending;
+  result.refused = refused;
+  result.status = status;
+  post_result(result, *next_);
+  door_.retired.push(next_);
+  next_ = nullptr;
+}
+
+// From now on the running skill is braked.
+void Loop::stop_running(Ending ending, int termination) noexcept {
+  if (phase_ == Phase::kBraking && ending != Ending::kComponentFault) return;
+  phase_ = Phase::kBraking;
+  ending_ = ending;
+  termination_ = termination;
+}
+
+void Loop::lose_connection() noexcept {
+  if (skill_ != nullptr) end(skill_, Ending::kConnectionLost);
+  drop_next(Ending::kConnectionLost);
+  if (Skill* found = door_.next.take()) {
+    next_ = found;
+    drop_next(Ending::kConnectionLost);
+  }
+  if (phase_ == Phase::kRecovering) answer_recovery(false, fci::Status::kFailed);
+  end_motion(Phase::kConnecting);
+}
+
+bool Loop::fits_motion(const Skill& skill) const noexcept {
+  bool in_force = true;
+  for_each_change(skill.settings, options_.settings, in_force_, [&](const auto&) { in_force = false; });
+  return skill.mode == mode_ && in_force && !faulty_;
+}
+
+void Loop::hold() noexcept {
+  phase_ = Phase::kHolding;
+  leaving_ = false;
+  hold_until_ = state_.message_id + static_cast<std::uint64_t>(options_.hold_time / kTick);
+}
+
+// To rest, and then to the finish flag.
+void Loop::leave_motion() noexcept {
+  if (!leaving_) {
+    leaving_ = true;
+    phase_ = Phase::kBraking;
+    set_deadline(kSettlingTime);
+  }
+  const bool slow = !mode_.torque() || cycle_.dq.cwiseAbs().maxCoeff() < kSlow || overdue();
+  if (!slow || !(limiter_.at_rest() || faulty_)) return;
+  phase_ = Phase::kFinishing;
+  stop_sent_ = false;
+  set_deadline(kAnswerTime);
+}
+
+// next_ becomes the running skill, from reference_ on.
+void Loop::start_skill() noexcept {
+  if (holder_ != nullptr) door_.retired.push(holder_);
+  holder_ = skill_ = next_;
+  next_ = nullptr;
+  phase_ = Phase::kRunning;
+  leaving_ = false;
+  hold_until_ = std::numeric_limits<std::uint64_t>::max();
+  limited_cycles_ = 0;
+  trajectory_over_ = false;
+  cycle_.time = 0;
+  skill_->controller->start(cycle_, reference_);
+  limiter_.reset(reference_);
+  skill_->trajectory->start(reference_);
+  for (const auto& termination : skill_->terminations) termination->start();
+}
+
+// From the moving reference of the skill before: this cycle's command is one tick later.
+void Loop::take_over() noexcept {
+  if (skill_ != nullptr) end(skill_, phase_ == Phase::kBraking ? ending_ : Ending::kPreempted);
+  for (; !mode_.torque() && ticks_ > 1; --ticks_) limiter_.coast(kTick, reference_);
+  change_kind(next_->trajectory->reference_kind());
+  start_skill();
+  ticks_ = 1;
+  skill_time_ = kTick - cycle_.dt;
+}
+
+// Under torque control a reference may be replaced by one of the other kind.
+void Loop::change_kind(ReferenceKind kind) noexcept {
+  if (reference_.kind == kind) return;
+  reference_.kind = kind;
+  const Matrix67& J = model_.jacobian();
+  if (kind == ReferenceKind::kCartesian) {
+    const Eigen::Isometry3d T = model_.O_T_EE(reference_.joint.q);
+    CartesianReference& out = reference_.cartesian;
+    out.position = T.translation();
+    out.orientation = Eigen::Quaterniond(T.linear());
+    out.velocity = J * reference_.joint.dq;
+    out.acceleration = J * reference_.joint.ddq + model_.dJ_dq();
+  } else {
+    // The joints that give that velocity with the least motion; damped, for singular postures.
+    Eigen::Matrix<double, 6, 6> A = J * J.transpose();
+    A.diagonal().array() += 1e-4;
+    reference_.joint.q = cycle_.q;
+    reference_.joint.dq = J.transpose() * A.llt().solve(reference_.cartesian.velocity);
+    reference_.joint.ddq.setZero();
+  }
+}
+
+// --- the robot's side ----------------------------------------------------------------------------------------------
+
+bool Loop::robot_idle() const noexcept {
+  using Generator = fci::MotionGeneratorMode;
+  const Generator generator = state_.motion_generator_mode;
+  return state_.robot_mode == fci::RobotMode::kIdle && state_.controller_mode != fci::ControllerMode::kExternal &&
+         (generator == Generator::kIdle || generator == Generator::kNone);
+}
+
+bool Loop::robot_matches() const noexcept {
+  return state_.robot_mode == fci::RobotMode::kMove && state_.controller_mode == wire_mode_.controller &&
+         state_.motion_generator_mode == wire_mode_.generator;
+}
+
+bool Loop::in_motion() const noexcept {
+  return phase_ == Phase::kRunning || phase_ == Phase::kHolding || phase_ == Phase::kBraking;
+}
+
+void Loop::configure() noexcept {
+  phase_ = Phase::kConfiguring;
+  configured_ = true;
+  set_deadline(kAnswerTime);
+  setter_count_ = 0;
+  for_each_change(next_ != nullptr ? next_->settings : robot::Settings{}, options_.settings, in_force_, [&](const auto& setting) {
+    setters_[setter_count_++] = Setter{setting, std::nullopt, false};
+  });
+}
+
+void Loop::start_motion() noexcept {
+  phase_ = Phase::kStarting;
+  set_deadline(kAnswerTime);
+  mode_ = next_->mode;
+  wire_mode_ = robot::on_wire(mode_, driver_.version());
+  move_id_.reset();
+  motion_answer_.reset();
+}
+
+// The robot's modes match: the first command is due in this cycle.
+void Loop::begin_motion() noexcept {
+  command_ = {};
+  tau_J_d_.setZero();
+  cycle_.tau_J_d.setZero();
+  faulty_ = false;
+  ticks_ = 1;
+  reference_ = reference_at_start();
+  start_skill();
+  skill_time_ = -cycle_.dt;  // its time begins with this command
+}
+
+Reference Loop::reference_at_start() const noexcept {
+  Reference reference;
+  reference.kind = next_->trajectory->reference_kind();
+  if (reference.kind == ReferenceKind::kJoint) {
+    reference.joint.q = mode_.torque() ? cycle_.q : vector(state_.q_d);
+    return reference;
+  }
+  Eigen::Isometry3d T = cycle_.O_T_EE;
+  if (!mode_.torque() && is_pose(state_.O_T_EE_c)) {
+    const Eigen::Isometry3d commanded = pose(state_.O_T_EE_c);
+    if ((commanded.translation() - T.translation()).norm() < kMaxPoseError) T = commanded;
+  }
+  reference.cartesian.position = T.translation();
+  reference.cartesian.orientation = Eigen::Quaterniond(T.linear()).normalized();
+  return reference;
+}
+
+void Loop::end_motion(Phase phase) noexcept {
+  phase_ = phase;
+  if (holder_ != nullptr) door_.retired.push(holder_);
+  holder_ = nullptr;
+  move_id_.reset();
+  tau_J_d_.setZero();
+}
+
+// The robot has left the motion, or does not take one.
+void Loop::fail_motion() noexcept {
+  if (skill_ != nullptr) end(skill_, Ending::kRobotError);
+  drop_next(Ending::kRobotError);
+  end_motion(robot_idle() ? Phase::kIdle : Phase::kError);
+  motion_answer_.reset();
+}
+
+void Loop::recover() noexcept {
+  if (phase_ == Phase::kRecovering) return;  // one at a time; the flag waits
+  if (phase_ != Phase::kError) {
+    door_.recover = false;
+    answer_recovery(true, fci::Status::kSuccess);
+    return;
+  }
+  recovery_id_ = driver_.post(fci::AutomaticErrorRecovery{});
+  if (!recovery_id_) return;  // the connection takes nothing now: next cycle again
+  door_.recover = false;
+  recovery_accepted_ = false;
+  phase_ = Phase::kRecovering;
+  set_deadline(kRecoveryTime);
+}
+
+void Loop::answer_recovery(bool recovered, fci::Status status) noexcept {
+  if (phase_ == Phase::kRecovering) phase_ = recovered ? Phase::kIdle : Phase::kError;
+  recovery_id_.reset();
+  door_.recoveries.push({recovered, status, state_.robot_mode});
+}
+
+// The model carries what the robot says that it carries: hand and load together.
+void Loop::update_tool() noexcept {
+  const fci::RobotState& s = state_;
+  fci::RobotState& t = tool_state_;
+  if (s.F_T_EE == t.F_T_EE && s.m_ee == t.m_ee && s.F_x_Cee == t.F_x_Cee && s.I_ee == t.I_ee &&
+      s.m_load == t.m_load && s.F_x_Cload == t.F_x_Cload && s.I_load == t.I_load) {
+    return;
+  }
+  t = s;
+  const double mass = s.m_ee + s.m_load;
+  const Vector3 c_ee = Vector3::Map(s.F_x_Cee.data());
+  const Vector3 c_load = Vector3::Map(s.F_x_Cload.data());
+  const Vector3 c = mass > 0 ? Vector3((s.m_ee * c_ee + s.m_load * c_load) / mass) : Vector3(Vector3::Zero());
+  const auto about = [](double m, const Vector3& d) -> Eigen::Matrix3d {  // parallel axes
+    return m * (d.squaredNorm() * Eigen::Matrix3d::Identity() - d * d.transpose());
+  };
+  const Eigen::Matrix3d I = Eigen::Matrix3d::Map(s.I_ee.data()) + about(s.m_ee, c_ee - c) +
+                            Eigen::Matrix3d::Map(s.I_load.data()) + about(s.m_load, c_load - c);
+  model_.set_tool(mass, c, I, is_pose(s.F_T_EE) ? pose(s.F_T_EE) : Eigen::Isometry3d::Identity());
+}
+
+}  // namespace realtime
