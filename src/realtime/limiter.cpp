@@ -61,6 +61,11 @@ struct Planner {
     trajectory.at_time(dt, p, v, a);
     for (std::size_t i = 0; i < N; ++i) out[i] = {p[i] - in.current_position[i], v[i], a[i]};
   }
+
+  // Coordinate i reaches its goal within dt seconds.
+  bool arrives(std::size_t i, double dt) const noexcept {
+    return trajectory.get_independent_min_durations()[i] <= dt;
+  }
 };
 
 Vector3 limited(const Vector3& x, double length) {
@@ -79,6 +84,7 @@ struct Limiter::Impl {
   struct Joint {
     double q = 0, v = 0, a = 0;
     double velocity = 0, acceleration = 0;
+    bool held = false;  // it has not caught up yet
   };
   std::array<Joint, kJoints> joints{};
 
@@ -87,6 +93,7 @@ struct Limiter::Impl {
     models::Limits::Rates limits{};
     Vector3 v = Vector3::Zero(), a = Vector3::Zero();
     Vector3 velocity = Vector3::Zero(), acceleration = Vector3::Zero();
+    bool held = false;
   };
   Part translation, rotation;
   Vector3 position = Vector3::Zero();
@@ -259,13 +266,18 @@ struct Limiter::Impl {
       pass[i] = std::abs(wanted.dq[i]) <= limits.dq_max[i] &&
                 std::abs(wanted.ddq[i]) <= limits.ddq_max[i] &&
                 admissible(i, as_wanted(joints[i], wanted.q[i], dt), dt);
-      all &= pass[i];
+      all &= pass[i] && !joints[i].held;
     }
     std::array<Step, kJoints> follow, brake;
     bool has_follow = false, has_brake = false;
     if (!all) has_follow = follow_steps(wanted, dt, follow);
     std::array<Joint, kJoints> next = joints;
+    all = true;
     for (int i = 0; i < kJoints; ++i) {
+      // A joint on its way may meet the wanted position in passing: that is not yet to have caught up.
+      if (joints[i].held) pass[i] = pass[i] && has_follow && joint_follow.arrives(i, dt);
+      next[i].held = !pass[i];
+      all &= pass[i];
       if (pass[i]) {
         take(next[i], wanted.q[i], as_wanted(joints[i], wanted.q[i], dt), dt);
       } else if (has_follow && admissible(i, follow[i], dt)) {
@@ -381,17 +393,22 @@ struct Limiter::Impl {
   }
 
   // Chooses the step of one part; true when it is what was wanted.
-  bool choose(const Part& part, const Vector3& delta, const Vector3& velocity,
-              const Vector3& acceleration, double dt, PartStep& step) noexcept {
-    step = as_wanted(part, delta, dt);
-    if (velocity.norm() <= part.limits.velocity && acceleration.norm() <= part.limits.acceleration &&
-        admissible(part, step, dt)) {
-      return true;
-    }
-    if (!follow_step(part, delta, velocity, acceleration, dt, step) || !admissible(part, step, dt)) {
+  bool choose(Part& part, const Vector3& delta, const Vector3& velocity, const Vector3& acceleration,
+              double dt, PartStep& step) noexcept {
+    const PartStep wanted = as_wanted(part, delta, dt);
+    const bool pass = velocity.norm() <= part.limits.velocity &&
+                      acceleration.norm() <= part.limits.acceleration && admissible(part, wanted, dt);
+    step = wanted;
+    if (pass && !part.held) return true;
+    const bool has_follow = follow_step(part, delta, velocity, acceleration, dt, step);
+    part.held = !(pass && has_follow && part_follow.arrives(0, dt) && part_follow.arrives(1, dt) &&
+                  part_follow.arrives(2, dt));
+    if (!part.held) {
+      step = wanted;
+    } else if (!has_follow || !admissible(part, step, dt)) {
       step = brake_step(part, dt);
     }
-    return false;
+    return !part.held;
   }
 
   void write(CartesianReference& out) const {
@@ -451,7 +468,7 @@ void Limiter::reset(const Reference& from) noexcept {
   if (from.kind == ReferenceKind::kJoint) {
     for (int i = 0; i < kJoints; ++i) {
       const double dq = from.joint.dq[i], ddq = from.joint.ddq[i];
-      m.joints[i] = {from.joint.q[i], dq - kHalfCycle * ddq, ddq, dq, ddq};
+      m.joints[i] = {from.joint.q[i], dq - kHalfCycle * ddq, ddq, dq, ddq, false};
     }
   } else {
     const auto set = [&](Impl::Part& part, const Vector3& velocity, const Vector3& acceleration) {
@@ -459,6 +476,7 @@ void Limiter::reset(const Reference& from) noexcept {
       part.a = acceleration;
       part.velocity = velocity;
       part.acceleration = acceleration;
+      part.held = false;
     };
     m.position = from.cartesian.position;
     m.orientation = from.cartesian.orientation.normalized();
@@ -495,8 +513,10 @@ bool Limiter::brake(double dt, Reference& out) noexcept {
     m.brake_steps(dt, steps);
     for (int i = 0; i < kJoints; ++i) {
       m.take(m.joints[i], m.joints[i].q + steps[i].delta, steps[i], dt);
+      m.joints[i].held = true;
     }
   } else {
+    m.translation.held = m.rotation.held = true;
     m.move(m.brake_step(m.translation, dt), m.brake_step(m.rotation, dt), dt);
   }
   m.write(out);
