@@ -25,24 +25,12 @@ endif()
 
 add_compile_options(-Wall -Wextra -Wpedantic)
 
-# With the address sanitizer Eigen would align its memory by hand, and could not free what the wheels' Eigen took with
-# malloc, nor they ours. The sanitizer's malloc is aligned enough.
-set(eigen_like_the_wheels EIGEN_MALLOC_ALREADY_ALIGNED=1)
-
 set(SANITIZE "" CACHE STRING "Sanitizers for the whole build: empty, address,undefined or thread")
 if(SANITIZE)
   set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O1 -g1 -DNDEBUG")  # with -O2 a file that includes Pinocchio takes three minutes
   add_compile_options(-fsanitize=${SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
   add_link_options(-fsanitize=${SANITIZE})
-  add_compile_definitions(${eigen_like_the_wheels})
-endif()
-
-option(FUZZ "Build the fuzzers of tests/fuzz (needs clang)" OFF)
-if(FUZZ)
-  if(NOT CMAKE_CXX_COMPILER_ID MATCHES Clang)
-    message(FATAL_ERROR "FUZZ needs clang, but the compiler is ${CMAKE_CXX_COMPILER_ID}: pass -DCMAKE_CXX_COMPILER=clang++")
-  endif()
-  add_compile_options(-fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all)
-  add_link_options(-fsanitize=address,undefined)
-  add_compile_definitions(${eigen_like_the_wheels})
+  # With the address sanitizer Eigen would align its memory by hand, and could not free what the wheels' Eigen took with
+  # malloc, nor they ours. The sanitizer's malloc is aligned enough.
+  add_compile_definitions(EIGEN_MALLOC_ALREADY_ALIGNED=1)
 endif()
