@@ -1,0 +1,408 @@
+"""The way to an arm's server: one ZeroMQ socket in a thread of its own, requests and their answers.
+
+The thread alone touches the socket. Callers hand it requests through a deque and a pipe (both safe in signal
+handlers) and wait on events. While this client commands the arm, the thread says so every 0.2 s, whatever the script
+is doing.
+"""
+
+from __future__ import annotations
+
+import collections
+import getpass
+import itertools
+import os
+import socket
+import sys
+import threading
+import time
+
+import zmq
+from google.protobuf.message import DecodeError
+
+from frankapy import proto
+from frankapy.exceptions import (
+    FrankaArmArgumentError,
+    FrankaArmBusyException,
+    FrankaArmCommException,
+    FrankaArmException,
+    FrankaArmFrankaInterfaceNotReadyException,
+)
+
+SERVER_VARIABLE = "FRANKA_INTERFACE_SERVER"
+DEFAULT_PORT = 5757
+DEFAULT_SERVER = f"127.0.0.1:{DEFAULT_PORT}"
+
+_ALIVE_PERIOD = 0.2  # s; the server frees the lease of a client that is silent for much longer
+_SILENCE = 3.0  # s without an answer after which the server is taken for gone
+_START_TIME = 10.0  # s that an arm's process may need to be ready
+
+_EXCEPTIONS = {
+    proto.Error.INVALID_ARGUMENT: FrankaArmArgumentError,
+    proto.Error.NOT_READY: FrankaArmFrankaInterfaceNotReadyException,
+    proto.Error.BUSY: FrankaArmBusyException,
+    proto.Error.INCOMPATIBLE_VERSION: FrankaArmCommException,
+    proto.Error.INTERNAL: FrankaArmException,
+    proto.Error.UNKNOWN_CLIENT: FrankaArmCommException,
+}
+# Answers after which another of the same request follows.
+_PRELIMINARY = ("skill_started", "gripper_started")
+
+
+def server_address(server: str | None = None) -> tuple[str, int]:
+    """Return host and port of the supervisor: of the argument, else of $FRANKA_INTERFACE_SERVER, else the default."""
+    name = "server" if server else f"${SERVER_VARIABLE}"
+    text = server or os.environ.get(SERVER_VARIABLE) or DEFAULT_SERVER
+    host, colon, port = text.removeprefix("tcp://").rpartition(":")
+    if not colon:
+        host, port = port, str(DEFAULT_PORT)
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise FrankaArmArgumentError(f"{name} is {text!r}: expected host or host:port, as in {DEFAULT_SERVER!r}")
+    return host, int(port)
+
+
+def list_arms(server: str | None = None) -> list[proto.Arms.Arm]:
+    """Ask the supervisor for its arms, in the order of robot_num; endpoints are as seen from here.
+
+    Raises FrankaArmCommException when nobody answers there, or one of another version.
+    """
+    host, port = server_address(server)
+    try:
+        # ZeroMQ would try for ever; a refusal is known at once.
+        socket.create_connection((host, port), timeout=_SILENCE).close()
+    except OSError as error:
+        reason = error.strerror or "timed out"
+        raise FrankaArmCommException(
+            f"No server at {host}:{port} ({reason}). `frankapy sim` starts one with a simulated arm, "
+            f"`franka-interface --robot ADDRESS` one for a real arm; where it runs elsewhere, name it: "
+            f"FrankaArm(server='host:port') or {SERVER_VARIABLE}=host:port."
+        ) from None
+    context = zmq.Context()
+    dealer = context.socket(zmq.DEALER)
+    try:
+        dealer.linger = 0
+        dealer.connect(f"tcp://{host}:{port}")
+        dealer.send(proto.Request(request_id=1, list_arms=proto.ListArms()).SerializeToString())
+        if not dealer.poll(_SILENCE * 1000):
+            raise FrankaArmCommException(
+                f"Something listens at {host}:{port} but does not answer as franka-interface does: is it another "
+                f"program, or another version of it?"
+            )
+        reply = _parse_reply(dealer.recv())
+    finally:
+        context.destroy(linger=0)
+    if reply is None or reply.WhichOneof("answer") not in ("arms", "error"):
+        raise FrankaArmCommException(f"What answers at {host}:{port} is no franka-interface.")
+    raise_error(reply)
+    check_version(reply.arms.version, f"{host}:{port}")
+    arms = list(reply.arms.arms)
+    for arm in arms:
+        arm.endpoint = reachable(arm.endpoint, host)
+    return arms
+
+
+def check_version(theirs: int, where: str) -> None:
+    """Raise FrankaArmCommException when a server speaks another version than this package."""
+    if theirs != proto.CURRENT:
+        raise FrankaArmCommException(
+            f"The server at {where} speaks version {theirs}, this frankapy version {proto.CURRENT}: install the same "
+            f"version of both."
+        )
+
+
+def reachable(endpoint: str, host: str) -> str:
+    """Return a server's endpoint as seen from here: 0.0.0.0 stands for the host under which it was reached."""
+    return endpoint.replace("://0.0.0.0:", f"://{host}:").replace("://*:", f"://{host}:")
+
+
+def raise_error(reply: proto.Reply) -> None:
+    """Raise the exception of an answer that is an error."""
+    if reply.WhichOneof("answer") == "error":
+        raise _EXCEPTIONS.get(reply.error.code, FrankaArmException)(reply.error.message)
+
+
+def _parse_reply(data: bytes) -> proto.Reply | None:
+    try:
+        return proto.Reply.FromString(data)
+    except DecodeError:
+        return None
+
+
+class Call:
+    """A request on its way: its first answer, and its last."""
+
+    def __init__(self, request: proto.Request) -> None:
+        self.request = request
+        self._first = threading.Event()
+        self._last = threading.Event()
+        self._first_reply: proto.Reply | None = None
+        self._last_reply: proto.Reply | None = None
+        self._failure: str | None = None
+
+    def first(self) -> proto.Reply:
+        """Wait for the first answer. Raises what an error stands for, FrankaArmCommException when the server is gone."""
+        self._first.wait()
+        return self._checked(self._first_reply)
+
+    @property
+    def was_unknown(self) -> bool:
+        """Whether the server refused it because this client has to say Hello again."""
+        reply = self._first_reply
+        return (
+            reply is not None
+            and reply.WhichOneof("answer") == "error"
+            and reply.error.code == proto.Error.UNKNOWN_CLIENT
+        )
+
+    def last(self, timeout: float | None = None) -> proto.Reply | None:
+        """Wait for the last answer; None when it has not come after `timeout` (s). Raises as `first` does."""
+        if not self._last.wait(timeout):
+            return None
+        return self._checked(self._last_reply)
+
+    def _checked(self, reply: proto.Reply | None) -> proto.Reply:
+        if reply is None:
+            raise FrankaArmCommException(self._failure or "")
+        raise_error(reply)
+        return reply
+
+    # From the channel's thread:
+
+    def answer(self, reply: proto.Reply) -> bool:
+        """Take an answer; return whether it is the last."""
+        is_last = reply.WhichOneof("answer") not in _PRELIMINARY
+        if not self._first.is_set():
+            self._first_reply = reply
+            self._first.set()
+        if is_last:
+            self._last_reply = reply
+            self._last.set()
+        return is_last
+
+    def fail(self, reason: str) -> None:
+        """Nothing more will come."""
+        self._failure = reason
+        self._first.set()
+        self._last.set()
+
+
+class _Channel:
+    """The socket to one arm's process, and its thread. Ends for good when the server is gone."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.endpoint = endpoint
+        self.lost: str | None = None  # why, once it is
+        self._ids = itertools.count(1)
+        self._outgoing: collections.deque[Call | None] = collections.deque()
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_write, False)
+        self._context = zmq.Context()
+        self._thread = threading.Thread(target=self._run, name=f"frankapy {endpoint}", daemon=True)
+        self._thread.start()
+
+    def send(self, request: proto.Request) -> Call:
+        """Send a request. Safe in a signal handler."""
+        request.request_id = next(self._ids)
+        call = Call(request)
+        if self.lost is not None:
+            call.fail(self.lost)
+            return call
+        self._outgoing.append(call)
+        self._wake()
+        if self.lost is not None:  # in between: the thread may have ended without having seen it
+            call.fail(self.lost)
+        return call
+
+    def close(self) -> None:
+        """Say Goodbye, and end."""
+        self._outgoing.append(None)
+        self._wake()
+        self._thread.join(timeout=1.0)
+
+    def _wake(self) -> None:
+        try:
+            os.write(self._wake_write, b"\0")
+        except OSError:  # full: it is awake; closed: it has ended
+            pass
+
+    def _run(self) -> None:
+        dealer = self._context.socket(zmq.DEALER)
+        dealer.linger = 200  # ms, for Goodbye
+        monitor = dealer.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        dealer.connect(self.endpoint)
+        pending: dict[int, Call] = {}
+        commands = False  # whether this client may have the lease
+        unanswered_since: float | None = None
+        next_alive = 0.0
+        reason = ""
+        poller = zmq.Poller()
+        poller.register(dealer, zmq.POLLIN)
+        poller.register(self._wake_read, zmq.POLLIN)
+        poller.register(monitor, zmq.POLLIN)
+
+        def transmit(call: Call) -> None:
+            nonlocal unanswered_since
+            pending[call.request.request_id] = call
+            dealer.send(call.request.SerializeToString())
+            if unanswered_since is None:
+                unanswered_since = time.monotonic()
+
+        while not reason:
+            now = time.monotonic()
+            wait = max(0.0, next_alive - now) if commands or pending else None
+            ready = dict(poller.poll(None if wait is None else 1000 * wait + 1))
+            if self._wake_read in ready:
+                os.read(self._wake_read, 4096)
+            while self._outgoing:
+                call = self._outgoing.popleft()
+                if call is None:
+                    dealer.send(proto.Request(request_id=0, goodbye=proto.Goodbye()).SerializeToString())
+                    reason = "This connection was closed."
+                    break
+                commands = commands or call.request.WhichOneof("call") in ("start_skill", "gripper", "recover")
+                transmit(call)
+            while dealer.poll(0):
+                reply = _parse_reply(dealer.recv())
+                if reply is None:
+                    continue
+                unanswered_since = None
+                call = pending.get(reply.request_id)
+                if call is not None and call.answer(reply):
+                    del pending[reply.request_id]
+                if reply.WhichOneof("answer") == "error" and reply.error.code == proto.Error.UNKNOWN_CLIENT:
+                    reason = f"The arm's process does not know this client: {reply.error.message}"
+            if monitor in ready and not reason:
+                reason = (
+                    f"The arm's process at {self.endpoint} has ended. Is the server still there? `frankapy status` "
+                    f"tells; an arm's process that crashed is started again within 2 s."
+                )
+            now = time.monotonic()
+            if (commands or pending) and now >= next_alive:
+                next_alive = now + _ALIVE_PERIOD
+                alive = proto.Request(request_id=next(self._ids), alive=proto.Alive())
+                transmit(Call(alive))
+            if unanswered_since is not None and now - unanswered_since > _SILENCE:
+                reason = (
+                    f"The arm's process at {self.endpoint} has not answered for {_SILENCE:.0f} s: has the server been "
+                    f"stopped, or the network been cut? `frankapy status` tells what is there."
+                )
+
+        self.lost = reason
+        for call in [*pending.values(), *(c for c in self._outgoing if c is not None)]:
+            call.fail(reason)
+        dealer.disable_monitor()
+        monitor.close(linger=0)
+        dealer.close()
+        self._context.term()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+
+class Connection:
+    """One client of one arm.
+
+    Finds the arm's process through the supervisor, and again after it was restarted or after a fork.
+    """
+
+    def __init__(self, server: str | None = None, robot_num: int = 1) -> None:
+        """Connect and say Hello.
+
+        Raises FrankaArmCommException: nobody there, no such arm, not ready within 10 s, another version.
+        """
+        self._server = server
+        self._robot_num = robot_num
+        self._lock = threading.Lock()  # of opening
+        self._closed = False
+        self._pid = os.getpid()
+        self.welcome = proto.Welcome()
+        self._channel = self._open()
+
+    def send(self, request: proto.Request) -> Call:
+        """Send a request, over a new connection where the old one is gone."""
+        channel = self._channel
+        if self._closed:
+            raise FrankaArmCommException("This FrankaArm was closed; make a new one.")
+        if channel.lost is not None or self._pid != os.getpid():
+            with self._lock:
+                if self._channel is channel:
+                    self._channel = self._open()
+                    self._pid = os.getpid()
+                channel = self._channel
+        return channel.send(request)
+
+    def start(self, request: proto.Request) -> Call:
+        """Send a request and wait for its first answer; once more when the arm's process does not know this client.
+
+        Raises what an error stands for, FrankaArmCommException when the arm's process is gone.
+        """
+        call = self.send(request)
+        try:
+            call.first()
+        except FrankaArmCommException:
+            # Nothing else is sent twice: a motion might be made twice.
+            if not call.was_unknown:
+                raise
+            call = self.send(request)
+            call.first()
+        return call
+
+    def ask(self, request: proto.Request) -> proto.Reply:
+        """Return the first answer to a request; see `start`."""
+        return self.start(request).first()
+
+    def stop_from_signal_handler(self) -> None:
+        """Ask for a stop, and wait for nothing."""
+        if not self._closed and self._pid == os.getpid():
+            self._channel.send(proto.Request(stop_skill=proto.StopSkill()))
+
+    def close(self) -> None:
+        """Say Goodbye, which frees the arm for others."""
+        if not self._closed and self._pid == os.getpid():
+            self._closed = True
+            self._channel.close()
+
+    def _open(self) -> _Channel:
+        deadline = time.monotonic() + _START_TIME
+        while True:
+            arm = self._find_arm()
+            reason = arm.status or "it is starting"
+            if arm.endpoint:
+                channel = _Channel(arm.endpoint)
+                try:
+                    self.welcome = self._hello(channel)
+                    return channel
+                except FrankaArmFrankaInterfaceNotReadyException as error:
+                    channel.close()
+                    reason = error.message
+                except BaseException:
+                    channel.close()
+                    raise
+            if time.monotonic() > deadline:
+                raise FrankaArmCommException(
+                    f"The arm {arm.name} ({arm.address}) is not ready after {_START_TIME:.0f} s: {reason}"
+                )
+            time.sleep(0.1)
+
+    def _find_arm(self) -> proto.Arms.Arm:
+        arms = list_arms(self._server)
+        if not 1 <= self._robot_num <= len(arms):
+            there = ", ".join(f"{i} ({arm.name})" for i, arm in enumerate(arms, 1)) or "none"
+            raise FrankaArmArgumentError(f"robot_num is {self._robot_num}: the arms of the server are {there}")
+        return arms[self._robot_num - 1]
+
+    @staticmethod
+    def _hello(channel: _Channel) -> proto.Welcome:
+        hello = proto.Hello(version=proto.CURRENT, client=_name_of_this_client())
+        welcome = channel.send(proto.Request(hello=hello)).first().welcome
+        check_version(welcome.version, channel.endpoint)
+        host = channel.endpoint.removeprefix("tcp://").rpartition(":")[0]
+        welcome.state_endpoint = reachable(welcome.state_endpoint, host)
+        return welcome
+
+
+def _name_of_this_client() -> str:
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a user id without a name, as in containers
+        user = str(os.getuid())
+    program = os.path.basename(sys.argv[0]) if sys.argv and sys.argv[0] else "python"
+    return f"{user}@{socket.gethostname()} {program} (pid {os.getpid()})"

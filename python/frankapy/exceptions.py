@@ -1,0 +1,34 @@
+"""Everything that frankapy raises on purpose, under one root."""
+
+from __future__ import annotations
+
+
+class FrankaArmException(Exception):
+    """The arm or its server could not do what was asked; root of all exceptions of frankapy.
+
+    `message` says what happened and what to do.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+
+
+class FrankaArmCommException(FrankaArmException):
+    """No server there, or it no longer answers, or it speaks another version."""
+
+
+class FrankaArmFrankaInterfaceNotReadyException(FrankaArmException):
+    """The arm cannot move now: an error, the user stop, no connection to the robot."""
+
+
+class FrankaArmBusyException(FrankaArmException):
+    """Another client commands the arm."""
+
+
+class FrankaArmArgumentError(FrankaArmException, ValueError):
+    """What was asked cannot be: sizes, values, frames, unreachable goals. Nothing has moved."""
+
+
+class FrankaArmNotBuiltError(FrankaArmException, NotImplementedError):
+    """An argument of the published interface that this version does not know how to serve yet."""

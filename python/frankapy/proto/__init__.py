@@ -1,0 +1,16 @@
+"""The protobuf messages between client and server: kinds of trajectory, controller and termination, states, requests.
+
+They are made of wire/proto by the build; units, sizes, ranges and defaults are written there.
+"""
+
+try:
+    from frankapy.proto.controllers_pb2 import *  # noqa: F403
+    from frankapy.proto.service_pb2 import *  # noqa: F403
+    from frankapy.proto.skill_pb2 import *  # noqa: F403
+    from frankapy.proto.state_pb2 import *  # noqa: F403
+    from frankapy.proto.terminations_pb2 import *  # noqa: F403
+    from frankapy.proto.trajectories_pb2 import *  # noqa: F403
+except ModuleNotFoundError as error:
+    if error.name is None or not error.name.startswith("frankapy.proto."):
+        raise
+    raise ImportError(f"{error.name} is not there: the build makes it. Run `make build` in the repository.") from error

@@ -1,0 +1,99 @@
+"""A server that says what a test tells it to: for what a sound server never does."""
+
+import threading
+import time
+
+import zmq
+
+from frankapy import proto
+
+HOME = [0, -0.785398, 0, -2.356194, 0, 1.570796, 0.785398]
+
+
+class ScriptedServer:
+    """Supervisor and arm in one socket; skills last `skill_time` s, or until StopSkill."""
+
+    def __init__(self, skill_time: float = 0.05):
+        self.skill_time = skill_time
+        self.version = proto.CURRENT
+        self.result = {"ending": proto.TERMINATED}
+        self.silent = False
+        self.forgets_clients = False
+        self.refusals: list[proto.Error] = []  # one for each of the next StartSkill
+        self.phase = proto.READY
+        self.requests: list[tuple[float, proto.Request]] = []
+        self._context = zmq.Context()
+        self._router = self._context.socket(zmq.ROUTER)
+        self._router.linger = 0
+        port = self._router.bind_to_random_port("tcp://127.0.0.1")
+        self.address = f"127.0.0.1:{port}"
+        self._clients: set[bytes] = set()
+        self._running: list[tuple[float, bytes, int, int]] = []
+        self._skills = 0
+        self._quit = False
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._quit = True
+        self._thread.join()
+        self._context.destroy(linger=0)
+
+    def calls(self, kind: str) -> list[proto.Request]:
+        return [request for _, request in self.requests if request.WhichOneof("call") == kind]
+
+    def _serve(self):
+        while not self._quit:
+            if self._router.poll(5):
+                identity, frame = self._router.recv_multipart()
+                request = proto.Request.FromString(frame)
+                self.requests.append((time.monotonic(), request))
+                if not self.silent:
+                    self._answer(identity, request)
+            for skill in [s for s in self._running if s[0] <= time.monotonic()]:
+                self._running.remove(skill)
+                result = proto.SkillResult(skill_id=skill[3], **self.result)
+                self._send(skill[1], skill[2], skill_result=result)
+
+    def _answer(self, identity: bytes, request: proto.Request):
+        kind, number = request.WhichOneof("call"), request.request_id
+        if kind == "list_arms":
+            arm = proto.Arms.Arm(name="arm1", address="127.0.0.2", endpoint=f"tcp://{self.address}", status="ready")
+            self._send(identity, number, arms=proto.Arms(arms=[arm], version=self.version))
+            return
+        if kind == "hello":
+            self._clients.add(identity)
+            self._send(identity, number, welcome=proto.Welcome(version=proto.CURRENT, arm="arm1", gripper=True))
+            return
+        if self.forgets_clients:
+            self.forgets_clients = False
+            self._clients.clear()
+        if identity not in self._clients:
+            error = proto.Error(code=proto.Error.UNKNOWN_CLIENT, message="say Hello first")
+            self._send(identity, number, error=error)
+        elif kind == "get_state":
+            robot = proto.RobotState(q=HOME, O_T_EE=[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3, 0, 0.5, 1])
+            self._send(identity, number, state=proto.ArmState(phase=self.phase, robot=robot))
+        elif kind == "start_skill" and self.refusals:
+            self._send(identity, number, error=self.refusals.pop(0))
+        elif kind == "start_skill":
+            self._skills += 1
+            self._running.append((time.monotonic() + self.skill_time, identity, number, self._skills))
+            self._send(identity, number, skill_started=proto.SkillStarted(skill_id=self._skills))
+        elif kind == "stop_skill":
+            self._running = [(0.0, *rest) for _, *rest in self._running]
+            self._send(identity, number, done=proto.Done())
+        elif kind == "gripper":
+            self._send(identity, number, gripper_started=proto.GripperStarted())
+            self._send(identity, number, gripper_result=proto.GripperResult(success=True))
+        else:
+            if kind == "recover":
+                self.phase = proto.READY
+            self._send(identity, number, done=proto.Done())
+
+    def _send(self, identity: bytes, number: int, **answer):
+        reply = proto.Reply(request_id=number, **answer)
+        self._router.send_multipart([identity, reply.SerializeToString()])
