@@ -1,0 +1,97 @@
+#include "server/arm_model.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <memory>
+#include <regex>
+#include <stdexcept>
+
+namespace server {
+namespace {
+
+constexpr fci::Version kFirstFr3 = 6;
+constexpr fci::Version kFirstWithUrdf = 8;
+
+realtime::Matrix7 mass_at_home(const std::string& urdf) {
+  realtime::Model model(urdf);
+  model.update(Eigen::Map<const realtime::Vector7>(models::kHome.data()), realtime::Vector7::Zero());
+  return model.mass();
+}
+
+// By the name of the robot in its URDF, else by the inertia that is nearest.
+const models::Arm& identify(const std::string& urdf, const realtime::Matrix7& mass, fci::Version version) {
+  std::smatch match;
+  if (std::regex_search(urdf, match, std::regex("<robot[^>]*\\sname\\s*=\\s*[\"']([^\"']*)[\"']"))) {
+    const std::string name = match[1] == "panda" ? "fer" : match[1].str();
+    for (const auto& arm : models::arms()) {
+      if (arm.name == name) return arm;
+    }
+  }
+  const models::Arm* nearest = nullptr;
+  double least = std::numeric_limits<double>::infinity();
+  for (const auto& arm : models::arms()) {
+    const double distance = (mass_at_home(models::urdf(arm, version)) - mass).norm();
+    if (distance < least) {
+      least = distance;
+      nearest = &arm;
+    }
+  }
+  return *nearest;
+}
+
+ArmModel ask_robot(fci::Version version, const std::string& robot_urdf) {
+  ArmModel model;
+  if (version < kFirstWithUrdf) {
+    model.arm = &models::arm(version < kFirstFr3 ? "fer" : "fr3");
+  } else {
+    try {
+      if (robot_urdf.empty()) throw std::invalid_argument("it gave none");
+      const realtime::Matrix7 mass = mass_at_home(robot_urdf);
+      if (!(mass.diagonal().minCoeff() > 1e-4)) throw std::invalid_argument("its links have no inertia");
+      model.arm = &identify(robot_urdf, mass, version);
+      model.urdf = robot_urdf;
+      return model;
+    } catch (const std::exception& error) {
+      model.arm = &models::arm("fr3");
+      model.warning = fmt::format("the robot's own description (URDF) is not usable ({}); that of {} is used. Remedy: set "
+                                  "`model` in the configuration if it is another arm",
+                                  error.what(), model.arm->name);
+    }
+  }
+  model.urdf = models::urdf(*model.arm, version);
+  return model;
+}
+
+}  // namespace
+
+ArmModel choose_model(fci::Version version, const std::string& robot_urdf, const std::string& configured) {
+  ArmModel model = ask_robot(version, robot_urdf);
+  if (configured == "auto" || configured == model.arm->name) return model;
+  ArmModel other;
+  other.arm = &models::arm(configured);
+  other.urdf = models::urdf(*other.arm, version);
+  // Versions 6 and 7 do not say which FR3 it is.
+  if (version >= kFirstWithUrdf || configured == "fer" || version < kFirstFr3) {
+    other.warning = fmt::format("the configuration says model = \"{}\", the robot (protocol version {}) looks like {}. "
+                                "Remedy: set model = \"auto\" unless the robot is wrong",
+                                configured, version, model.arm->name);
+  }
+  return other;
+}
+
+models::Limits scaled_limits(const models::Arm& arm, fci::Version version, const ArmConfig& config) {
+  models::Limits limits = models::limits(arm, version);
+  for (int i = 0; i < models::kJoints; ++i) {
+    limits.dq_max[i] *= config.limits.velocity;
+    limits.ddq_max[i] *= config.limits.acceleration;
+    limits.dddq_max[i] *= config.limits.jerk;
+  }
+  for (auto* rates : {&limits.translation, &limits.rotation, &limits.elbow}) {
+    rates->velocity *= config.limits.velocity;
+    rates->acceleration *= config.limits.acceleration;
+    rates->jerk *= config.limits.jerk;
+  }
+  return limits;
+}
+
+}  // namespace server

@@ -1,0 +1,243 @@
+#include "server/arm_process.hpp"
+
+#include <signal.h>
+#include <spdlog/spdlog.h>
+#include <sys/socket.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdlib>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <thread>
+
+#include "realtime/loop.hpp"
+#include "robot/fci_driver.hpp"
+#include "server/arm_model.hpp"
+#include "server/gripper.hpp"
+#include "server/publisher.hpp"
+#include "server/realtime_setup.hpp"
+#include "server/skill_builder.hpp"
+#include "server/transport.hpp"
+
+namespace server {
+namespace {
+
+namespace proto = frankapy::proto;
+using Clock = std::chrono::steady_clock;
+using namespace std::chrono_literals;
+
+constexpr auto kHeartbeat = 100ms;
+constexpr auto kRetry = 500ms;
+constexpr auto kHandTime = 500ms;   // that a client's first look at the arm may wait for its hand
+// A thread that is silent for so long hangs. The loop waits at most 1 s for the robot.
+constexpr auto kTransportHangs = 1s;
+constexpr auto kLoopHangs = 1500ms;
+
+class ArmProcess {
+ public:
+  ArmProcess(const ArmConfig& config, const ArmOptions& options)
+      : config_(config),
+        options_(options),
+        gripper_(config.gripper ? std::make_unique<Gripper>(config.address) : nullptr),
+        publisher_(context_, options.listen, options.state_port, door_, gripper_.get()),
+        transport_(context_, options.listen, options.port, door_, publisher_, gripper_.get()) {}
+
+  int run() {
+    spdlog::info("requests at {}, states at {}", transport_.endpoint(), publisher_.endpoint());
+    realtime_ = prepare_process();
+    std::thread transport([this] { transport_.run(transport_quit_); });
+    std::thread robot([this] { keep_connected(); });
+    watch();
+    quit_ = true;
+    door_.quit = true;
+    changed_.notify_all();
+    robot.join();
+    transport_quit_ = true;
+    transport.join();
+    return 0;
+  }
+
+ private:
+  // --- the thread of main(): signals, heartbeat, hangs ---
+
+  void watch() {
+    sigset_t signals;
+    sigemptyset(&signals);
+    sigaddset(&signals, SIGINT);
+    sigaddset(&signals, SIGTERM);
+    constexpr timespec period{0, std::chrono::nanoseconds(kHeartbeat).count()};
+    while (sigtimedwait(&signals, nullptr, &period) < 0) {
+      check_threads();
+      if (!report()) {
+        spdlog::warn("the supervisor is gone: stopping");
+        return;
+      }
+    }
+    spdlog::info("stopping");
+  }
+
+  // False when there is a supervisor no more.
+  bool report() {
+    if (options_.status_fd < 0) return true;
+    proto::Arms::Arm arm;
+    arm.set_name(config_.name);
+    arm.set_address(config_.address);
+    {
+      const std::lock_guard lock(mutex_);
+      arm.set_status(status_);
+      if (ready_) {
+        arm.set_endpoint(transport_.endpoint());
+        arm.set_state_endpoint(publisher_.endpoint());
+      }
+    }
+    const std::string bytes = arm.SerializeAsString();
+    return send(options_.status_fd, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT) >= 0 ||
+           errno == EAGAIN;
+  }
+
+  // A hang ends the process: the supervisor starts it again, and the robot stops by its own reflex.
+  void check_threads() {
+    const auto now = Clock::now();
+    if (transport_.rounds() != rounds_) {
+      rounds_ = transport_.rounds();
+      transport_alive_ = now;
+    } else if (now - transport_alive_ > kTransportHangs) {
+      hang("transport");
+    }
+    const auto newest = publisher_.newest();
+    const std::uint64_t cycles = newest ? newest->cycles : 0;
+    if (cycles != cycles_ || !looping_) {
+      cycles_ = cycles;
+      loop_alive_ = now;
+    } else if (now - loop_alive_ > kLoopHangs) {
+      hang("1 kHz loop");
+    }
+  }
+
+  [[noreturn]] void hang(const char* thread) {
+    spdlog::critical("the {} hangs: this process gives up", thread);
+    std::_Exit(EXIT_FAILURE);
+  }
+
+  // --- the robot's thread: connection after connection ---
+
+  void keep_connected() {
+    std::string told;
+    while (!quit_) {
+      std::string why;
+      try {
+        const auto driver = robot::FciDriver::connect(config_.address);
+        told.clear();
+        serve(*driver);
+        why = driver->lost() != nullptr ? driver->lost() : "no states arrive";
+        why = "the connection to the robot at " + config_.address + " was lost: " + why;
+      } catch (const std::exception& error) {
+        why = error.what();
+      }
+      if (quit_) why = "the server is stopping";
+      set_status(why, false);
+      transport_.disconnected(why);
+      if (!quit_ && why != told) spdlog::error("{}", why);
+      told = why;
+      std::unique_lock lock(mutex_);
+      changed_.wait_for(lock, kRetry, [this] { return quit_.load(); });
+    }
+  }
+
+  void serve(robot::FciDriver& driver) {
+    const ArmModel chosen = choose_model(driver.version(), driver.robot_model(), config_.model);
+    const models::Limits limits = scaled_limits(*chosen.arm, driver.version(), config_);
+    realtime::Model model(chosen.urdf);
+    auto builder = std::make_shared<SkillBuilder>(std::make_unique<realtime::Model>(chosen.urdf), limits);
+
+    realtime::Loop loop(driver, model, limits, {config_.hold_time, config_.settings}, door_);
+    RealtimeReport report = realtime_;
+    std::promise<void> prepared, go;
+    std::thread thread([&] {
+      prepare_thread(options_.index, report);
+      prepared.set_value();
+      go.get_future().wait();
+      looping_ = true;
+      loop.run();
+      looping_ = false;
+    });
+    prepared.get_future().wait();
+    if (!chosen.warning.empty()) report.deficiencies.push_back(chosen.warning);
+    tell(driver, chosen, report);
+    if (gripper_) gripper_->wait_for_first_attempt(kHandTime);
+    transport_.connected(std::move(builder), welcome(driver, chosen, limits, report));
+    go.set_value();
+    set_status("ready", true);
+    thread.join();
+  }
+
+  void tell(const robot::FciDriver& driver, const ArmModel& chosen, const RealtimeReport& report) const {
+    spdlog::info("robot at {}: {}, protocol version {}", config_.address, chosen.arm->title, driver.version());
+    spdlog::info("kernel {}; scheduling {}; memory {}", report.kernel, report.scheduling, report.memory);
+    for (const auto& deficiency : report.deficiencies) spdlog::warn("{}", deficiency);
+  }
+
+  proto::Welcome welcome(const robot::FciDriver& driver, const ArmModel& chosen, const models::Limits& limits,
+                         const RealtimeReport& report) const {
+    proto::Welcome welcome;
+    welcome.set_arm(config_.name);
+    welcome.set_model(std::string(chosen.arm->name));
+    welcome.set_address(config_.address);
+    welcome.set_protocol_version(driver.version());
+    auto& out = *welcome.mutable_limits();
+    for (int i = 0; i < models::kJoints; ++i) {
+      out.add_q_min(limits.q_min[i]);
+      out.add_q_max(limits.q_max[i]);
+      out.add_dq_max(limits.dq_max[i]);
+    }
+    for (const auto& deficiency : report.deficiencies) welcome.add_deficiencies(deficiency);
+    return welcome;
+  }
+
+  void set_status(const std::string& status, bool ready) {
+    const std::lock_guard lock(mutex_);
+    status_ = status;
+    ready_ = ready;
+  }
+
+  const ArmConfig config_;
+  const ArmOptions options_;
+  zmq::context_t context_;
+  realtime::Door door_;
+  std::unique_ptr<Gripper> gripper_;
+  Publisher publisher_;
+  Transport transport_;
+  RealtimeReport realtime_;
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::string status_ = "starting";
+  bool ready_ = false;
+  std::atomic<bool> quit_{false}, transport_quit_{false}, looping_{false};
+
+  std::uint64_t rounds_ = 0, cycles_ = 0;
+  Clock::time_point transport_alive_ = Clock::now(), loop_alive_ = Clock::now();
+};
+
+}  // namespace
+
+int run_arm(const ArmConfig& config, const ArmOptions& options) {
+  // For watch(), and blocked in all threads, which inherit it.
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGINT);
+  sigaddset(&signals, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  spdlog::set_pattern("[%H:%M:%S.%e] [" + config.name + "] %^%l%$ %v");
+  try {
+    return ArmProcess(config, options).run();
+  } catch (const std::exception& error) {
+    spdlog::critical("{}", error.what());
+    return EXIT_FAILURE;
+  }
+}
+
+}  // namespace server

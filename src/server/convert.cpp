@@ -1,0 +1,178 @@
+#include "server/convert.hpp"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <Eigen/Geometry>
+
+namespace server {
+namespace {
+
+namespace proto = frankapy::proto;
+
+template <std::size_t N>
+void put(const std::array<double, N>& from, google::protobuf::RepeatedField<double>* to) {
+  to->Resize(N, 0);
+  std::copy(from.begin(), from.end(), to->begin());
+}
+
+void put(const fci::Errors& from, google::protobuf::RepeatedPtrField<std::string>* to) {
+  to->Clear();
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    if (from[i]) to->Add(std::string(fci::kErrorNames[i]));
+  }
+}
+
+proto::RobotMode convert(fci::RobotMode mode) {
+  const int value = static_cast<int>(mode);
+  return proto::RobotMode_IsValid(value) ? static_cast<proto::RobotMode>(value) : proto::OTHER;
+}
+
+void convert(const fci::RobotState& from, proto::RobotState& to) {
+  to.set_message_id(from.message_id);
+  put(from.O_T_EE, to.mutable_o_t_ee());
+  put(from.O_T_EE_d, to.mutable_o_t_ee_d());
+  put(from.F_T_EE, to.mutable_f_t_ee());
+  put(from.EE_T_K, to.mutable_ee_t_k());
+  put(from.F_T_NE, to.mutable_f_t_ne());
+  put(from.NE_T_EE, to.mutable_ne_t_ee());
+  to.set_m_ee(from.m_ee);
+  put(from.I_ee, to.mutable_i_ee());
+  put(from.F_x_Cee, to.mutable_f_x_cee());
+  to.set_m_load(from.m_load);
+  put(from.I_load, to.mutable_i_load());
+  put(from.F_x_Cload, to.mutable_f_x_cload());
+  put(from.elbow, to.mutable_elbow());
+  put(from.elbow_d, to.mutable_elbow_d());
+  put(from.tau_J, to.mutable_tau_j());
+  put(from.tau_J_d, to.mutable_tau_j_d());
+  put(from.dtau_J, to.mutable_dtau_j());
+  put(from.q, to.mutable_q());
+  put(from.q_d, to.mutable_q_d());
+  put(from.dq, to.mutable_dq());
+  put(from.dq_d, to.mutable_dq_d());
+  put(from.ddq_d, to.mutable_ddq_d());
+  put(from.joint_contact, to.mutable_joint_contact());
+  put(from.cartesian_contact, to.mutable_cartesian_contact());
+  put(from.joint_collision, to.mutable_joint_collision());
+  put(from.cartesian_collision, to.mutable_cartesian_collision());
+  put(from.tau_ext_hat_filtered, to.mutable_tau_ext_hat_filtered());
+  put(from.O_F_ext_hat_K, to.mutable_o_f_ext_hat_k());
+  put(from.K_F_ext_hat_K, to.mutable_k_f_ext_hat_k());
+  put(from.O_dP_EE_d, to.mutable_o_dp_ee_d());
+  put(from.O_ddP_O, to.mutable_o_ddp_o());
+  put(from.elbow_c, to.mutable_elbow_c());
+  put(from.delbow_c, to.mutable_delbow_c());
+  put(from.ddelbow_c, to.mutable_ddelbow_c());
+  put(from.O_T_EE_c, to.mutable_o_t_ee_c());
+  put(from.O_dP_EE_c, to.mutable_o_dp_ee_c());
+  put(from.O_ddP_EE_c, to.mutable_o_ddp_ee_c());
+  put(from.theta, to.mutable_theta());
+  put(from.dtheta, to.mutable_dtheta());
+  put(from.accelerometer_top, to.mutable_accelerometer_top());
+  put(from.accelerometer_bottom, to.mutable_accelerometer_bottom());
+  to.set_motion_generator_mode(static_cast<std::uint32_t>(from.motion_generator_mode));
+  to.set_controller_mode(static_cast<std::uint32_t>(from.controller_mode));
+  put(from.errors, to.mutable_errors());
+  put(from.reflex_reason, to.mutable_reflex_reason());
+  to.set_robot_mode(convert(from.robot_mode));
+  to.set_control_command_success_rate(from.control_command_success_rate);
+}
+
+std::string explain(const realtime::SkillResult& result) {
+  switch (result.ending) {
+    case realtime::Ending::kTerminated:
+    case realtime::Ending::kPreempted:
+    case realtime::Ending::kStopped: return "";
+    case realtime::Ending::kRobotError:
+      if (!fci::any(result.errors)) {
+        return fmt::format("the robot ended the motion after {:.3f} s, names no error and is now in mode {}: "
+                           "release the user stop if it is pressed, then recover",
+                           result.time, proto::RobotMode_Name(convert(result.robot_mode)));
+      }
+      return fmt::format("the robot stopped after {:.3f} s with {}: clear what caused it, then recover "
+                         "(automatic error recovery)",
+                         result.time, fci::names(result.errors));
+    case realtime::Ending::kRefused:
+      if (result.status == fci::Status::kFailed) {
+        return fmt::format("the robot did not answer {} in time. Nothing has moved", fci::name(result.refused));
+      }
+      return fmt::format("the robot refused {}: {}. Is it unlocked, FCI activated, and no user stop or error "
+                         "pending? Nothing has moved",
+                         fci::name(result.refused), fci::name(result.status));
+    case realtime::Ending::kConnectionLost:
+      return "the connection to the robot was lost: check its network and FCI; the server connects again by itself";
+    case realtime::Ending::kComponentFault:
+      return fmt::format("trajectory or controller gave a value that is not finite after {:.3f} s; the arm was "
+                         "brought to rest: this is a defect of that component, please report it",
+                         result.time);
+  }
+  return "";
+}
+
+}  // namespace
+
+proto::Phase convert(realtime::Phase phase) {
+  switch (phase) {
+    case realtime::Phase::kConnecting: return proto::CONNECTING;
+    case realtime::Phase::kIdle: return proto::READY;
+    case realtime::Phase::kConfiguring: return proto::CONFIGURING;
+    case realtime::Phase::kStarting: return proto::STARTING;
+    case realtime::Phase::kRunning: return proto::RUNNING;
+    case realtime::Phase::kHolding: return proto::HOLDING;
+    case realtime::Phase::kBraking: return proto::BRAKING;
+    case realtime::Phase::kFinishing: return proto::FINISHING;
+    case realtime::Phase::kError: return proto::ERROR;
+    case realtime::Phase::kRecovering: return proto::RECOVERING;
+  }
+  return proto::CONNECTING;
+}
+
+proto::Ending convert(realtime::Ending ending) {
+  switch (ending) {
+    case realtime::Ending::kTerminated: return proto::TERMINATED;
+    case realtime::Ending::kStopped: return proto::STOPPED;
+    case realtime::Ending::kPreempted: return proto::PREEMPTED;
+    case realtime::Ending::kRobotError: return proto::ROBOT_ERROR;
+    case realtime::Ending::kRefused: return proto::REFUSED;
+    case realtime::Ending::kConnectionLost: return proto::CONNECTION_LOST;
+    case realtime::Ending::kComponentFault: return proto::COMPONENT_FAULT;
+  }
+  return proto::ROBOT_ERROR;
+}
+
+void convert(const realtime::Record& record, proto::ArmState& out) {
+  convert(record.state, *out.mutable_robot());
+  out.set_phase(convert(record.phase));
+  out.set_skill_id(record.skill_id);
+  out.set_skill_time(record.skill_time);
+  out.clear_q_ref();
+  out.clear_o_t_ee_ref();
+  const bool commanded = record.command.message_id != 0;
+  if (commanded && record.reference.kind == realtime::ReferenceKind::kJoint) {
+    out.mutable_q_ref()->Resize(7, 0);
+    std::copy_n(record.reference.joint.q.data(), 7, out.mutable_q_ref()->begin());
+  } else if (commanded) {
+    Eigen::Isometry3d pose(record.reference.cartesian.orientation);
+    pose.translation() = record.reference.cartesian.position;
+    out.mutable_o_t_ee_ref()->Resize(16, 0);
+    std::copy_n(pose.data(), 16, out.mutable_o_t_ee_ref()->begin());
+  }
+  out.set_limited(record.limited);
+  out.set_cycles(record.cycles);
+  out.set_lost_states(record.lost_states);
+  out.set_compute_us(record.compute_ns * 1e-3);
+}
+
+void convert(const realtime::SkillResult& result, proto::SkillResult& out) {
+  out.set_skill_id(result.skill_id);
+  out.set_ending(convert(result.ending));
+  out.set_time(result.time);
+  out.set_stretch(result.stretch);
+  out.set_limited_cycles(result.limited_cycles);
+  put(result.errors, out.mutable_errors());
+  out.set_message(explain(result));
+  if (result.first_command_ns != 0) out.set_first_command_ns(result.first_command_ns);
+  out.set_last_cycle_ns(result.last_cycle_ns);
+}
+
+}  // namespace server

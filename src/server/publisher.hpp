@@ -1,0 +1,59 @@
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <unordered_map>
+#include <zmq.hpp>
+
+#include "frankapy/proto/state.pb.h"
+#include "realtime/door.hpp"
+
+namespace server {
+
+class Gripper;
+
+// Takes the loop's records, publishes each as ArmState while somebody listens, and keeps the newest for
+// reads. A slow subscriber loses states; nobody waits for it.
+class Publisher {
+ public:
+  // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
+  Publisher(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+            Gripper* gripper);
+  ~Publisher();
+
+  const std::string& endpoint() const { return endpoint_; }
+
+  // The newest record; none before the first.
+  std::optional<realtime::Record> newest() const;
+  // The same as clients see it, with its age.
+  std::optional<frankapy::proto::ArmState> state() const;
+
+  // What skill `id` is called in the states.
+  void describe(std::uint64_t id, const std::string& description);
+
+ private:
+  void run();
+  void take_subscriptions();
+  void publish(const realtime::Record& record);
+  void add_rest(const realtime::Record& record, frankapy::proto::ArmState& state) const;
+
+  realtime::Door& door_;
+  Gripper* gripper_;
+  zmq::socket_t socket_;
+  std::string endpoint_;
+  int subscriptions_ = 0;
+  frankapy::proto::ArmState message_;
+  std::string bytes_;
+
+  mutable std::mutex mutex_;
+  std::optional<realtime::Record> newest_;
+  std::unordered_map<std::uint64_t, std::string> descriptions_;
+
+  std::atomic<bool> quit_{false};
+  std::thread thread_;
+};
+
+}  // namespace server

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace server {
+
+// What of this computer and its permissions matters to a loop that must answer within 1 ms.
+struct RealtimeReport {
+  std::string kernel;             // release, and whether it is PREEMPT_RT
+  std::string scheduling;         // of the loop's thread
+  std::string memory;             // locked or not
+  std::vector<std::string> deficiencies;  // each with its remedy
+};
+
+// Locks the process' memory, now and later, where that is permitted and will not make allocations fail.
+// Returns what was found of kernel, memory and processor clock.
+RealtimeReport prepare_process();
+
+// To be called by the loop's thread, number `index` of this computer: SCHED_FIFO; an isolated processor
+// of its own where there are any (elsewhere the kernel chooses better); a stack that is in memory.
+// Adds to the report what came of it.
+void prepare_thread(int index, RealtimeReport& report);
+
+// Numbers in a list of the kernel's form "2-3,7".
+std::vector<int> parse_cpu_list(const std::string& text);
+
+}  // namespace server

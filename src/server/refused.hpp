@@ -1,0 +1,21 @@
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+#include "frankapy/proto/service.pb.h"
+
+namespace server {
+
+namespace proto = frankapy::proto;
+
+// A request that is answered with an Error. The text says what was received, what was expected and
+// what to do.
+class Refused : public std::runtime_error {
+ public:
+  Refused(proto::Error::Code code, const std::string& message) : runtime_error(message), code(code) {}
+
+  proto::Error::Code code;
+};
+
+}  // namespace server

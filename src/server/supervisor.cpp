@@ -1,0 +1,262 @@
+#include "server/supervisor.hpp"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <spdlog/spdlog.h>
+#include <sys/mman.h>
+#include <sys/signalfd.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <system_error>
+#include <vector>
+#include <zmq.hpp>
+
+#include "frankapy/proto/service.pb.h"
+#include "server/sockets.hpp"
+
+namespace server {
+namespace {
+
+namespace proto = frankapy::proto;
+using Clock = std::chrono::steady_clock;
+using namespace std::chrono_literals;
+
+constexpr auto kTick = 50ms;
+constexpr auto kSilence = 1s;      // of a child that was heard before: it hangs
+constexpr auto kFirstWord = 10s;   // for a new child
+constexpr auto kShortLife = 1s;    // a child that ends sooner is started again later
+constexpr auto kStopTime = 6s;     // to brake, finish and end
+constexpr int kStatusFd = 3;       // in the child
+constexpr std::size_t kMaxStatus = 64 << 10;       // bytes
+constexpr std::int64_t kMaxMessage = 1 << 20;  // bytes
+
+[[noreturn]] void fail(const char* what) { throw std::system_error(errno, std::generic_category(), what); }
+
+// The configuration as the child's standard input.
+int text_file(const std::string& text) {
+  const int fd = memfd_create("configuration", MFD_CLOEXEC);
+  if (fd < 0 || write(fd, text.data(), text.size()) != static_cast<ssize_t>(text.size())) fail("memfd_create");
+  lseek(fd, 0, SEEK_SET);
+  return fd;
+}
+
+class Child {
+ public:
+  Child(const ArmConfig& arm, int index, const std::string& listen, const std::string& toml)
+      : index_(index), listen_(listen), toml_(toml) {
+    info_.set_name(arm.name);
+    info_.set_address(arm.address);
+    info_.set_status("starting");
+  }
+  ~Child() {
+    if (pid_ > 0) end(SIGKILL);
+  }
+  Child(const Child&) = delete;
+
+  const proto::Arms::Arm& info() const { return info_; }
+  int fd() const { return fd_; }
+  bool alive() const { return pid_ > 0; }
+  void stop() const {
+    if (pid_ > 0) kill(pid_, SIGTERM);
+  }
+
+  // Reads what the child says, and starts it where it does not run.
+  void look_after(bool stopping) {
+    if (pid_ > 0) listen_to();
+    if (pid_ > 0 && Clock::now() - heard_ > (spoken_ ? kSilence : kFirstWord)) {
+      spdlog::error("arm {}: its process hangs and is started again", info_.name());
+      end(SIGKILL);
+    }
+    if (pid_ == 0 && !stopping && Clock::now() >= next_start_) start();
+  }
+
+ private:
+  void start() {
+    int ends[2];
+    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) fail("socketpair");
+    const int config = text_file(toml_);
+    const std::array<std::string, 11> words = {
+        "franka-interface", "arm", "--index", std::to_string(index_), "--listen", listen_, "--port",
+        std::to_string(port_), "--state-port", std::to_string(state_port_), "--supervised"};
+    std::vector<char*> arguments;
+    for (const auto& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
+    arguments.push_back(nullptr);
+
+    pid_ = fork();
+    if (pid_ < 0) fail("fork");
+    if (pid_ == 0) {
+      // Only what is allowed between fork and exec.
+      sigset_t none;
+      sigemptyset(&none);
+      sigprocmask(SIG_SETMASK, &none, nullptr);
+      if (dup2(config, STDIN_FILENO) < 0) _exit(127);
+      // dup2() onto itself would keep FD_CLOEXEC.
+      if (ends[1] == kStatusFd ? fcntl(kStatusFd, F_SETFD, 0) < 0 : dup2(ends[1], kStatusFd) < 0) _exit(127);
+      syscall(SYS_close_range, kStatusFd + 1, ~0U, 0);
+      execv("/proc/self/exe", arguments.data());
+      _exit(127);
+    }
+    close(config);
+    close(ends[1]);
+    fd_ = ends[0];
+    spoken_ = false;
+    started_ = heard_ = Clock::now();
+    info_.set_status("starting");
+  }
+
+  void listen_to() {
+    std::vector<char> bytes(kMaxStatus);
+    for (;;) {
+      const ssize_t size = recv(fd_, bytes.data(), bytes.size(), MSG_DONTWAIT);
+      if (size < 0 && (errno == EAGAIN || errno == EINTR)) return;
+      if (size <= 0) break;
+      proto::Arms::Arm info;
+      if (!info.ParseFromArray(bytes.data(), static_cast<int>(size))) continue;
+      if (info.status() != info_.status()) spdlog::info("arm {}: {}", info.name(), info.status());
+      info_ = info;
+      spoken_ = true;
+      heard_ = Clock::now();
+      if (info.has_endpoint()) port_ = port_of(info.endpoint());
+      if (info.has_state_endpoint()) state_port_ = port_of(info.state_endpoint());
+    }
+    end(0);
+  }
+
+  // Collects the process, killed first if it does not end by itself.
+  void end(int signal) {
+    const auto deadline = Clock::now() + 200ms;
+    int status = 0;
+    if (signal != 0) kill(pid_, signal);
+    while (waitpid(pid_, &status, WNOHANG) == 0) {
+      if (Clock::now() > deadline) kill(pid_, SIGKILL);
+      usleep(1000);
+    }
+    close(fd_);
+    fd_ = -1;
+    pid_ = 0;
+    info_.clear_endpoint();
+    info_.clear_state_endpoint();
+    std::string how = "ended";
+    if (WIFSIGNALED(status)) how = fmt::format("was killed by signal {}", WTERMSIG(status));
+    if (WIFEXITED(status) && WEXITSTATUS(status) != 0) how = fmt::format("ended with status {}", WEXITSTATUS(status));
+    info_.set_status("starting again: its process " + how);
+    if (signal == 0) spdlog::info("arm {}: its process {}", info_.name(), how);
+    next_start_ = Clock::now() - started_ < kShortLife ? started_ + kShortLife : Clock::now();
+  }
+
+  const int index_;
+  const std::string listen_;
+  const std::string& toml_;
+  proto::Arms::Arm info_;
+  pid_t pid_ = 0;
+  int fd_ = -1;
+  bool spoken_ = false;
+  std::uint16_t port_ = 0, state_port_ = 0;  // a restarted arm is found where it was
+  Clock::time_point started_{}, heard_{}, next_start_{};
+};
+
+class Supervisor {
+ public:
+  Supervisor(const Config& config, const std::string& toml) : socket_(context_, zmq::socket_type::router) {
+    socket_.set(zmq::sockopt::linger, 0);
+    socket_.set(zmq::sockopt::maxmsgsize, kMaxMessage);
+    try {
+      socket_.bind(fmt::format("tcp://{}:{}", config.listen, config.port == 0 ? "*" : std::to_string(config.port)));
+    } catch (const zmq::error_t& error) {
+      throw std::runtime_error(fmt::format(
+          "cannot listen on {}:{} ({}): does another franka-interface run? Stop it, or choose another --port",
+          config.listen, config.port, error.what()));
+    }
+    for (std::size_t i = 0; i < config.arms.size(); ++i) {
+      children_.push_back(std::make_unique<Child>(config.arms[i], static_cast<int>(i), config.listen, toml));
+    }
+  }
+
+  int run() {
+    sigset_t signals;
+    sigemptyset(&signals);
+    sigaddset(&signals, SIGINT);
+    sigaddset(&signals, SIGTERM);
+    sigprocmask(SIG_BLOCK, &signals, nullptr);
+    const int signal_fd = signalfd(-1, &signals, SFD_CLOEXEC);
+    std::printf("listening on %s\n", socket_.get(zmq::sockopt::last_endpoint).c_str());
+    std::fflush(stdout);
+
+    bool stopping = false;
+    Clock::time_point stop_until{};
+    for (;;) {
+      bool any = false;
+      std::vector<zmq::pollitem_t> items = {{socket_.handle(), 0, ZMQ_POLLIN, 0}, {nullptr, signal_fd, ZMQ_POLLIN, 0}};
+      for (const auto& child : children_) {
+        child->look_after(stopping);
+        any |= child->alive();
+        if (child->fd() >= 0) items.push_back({nullptr, child->fd(), ZMQ_POLLIN, 0});
+      }
+      if (stopping && !any) return 0;
+      if (stopping && Clock::now() > stop_until) {
+        spdlog::error("an arm's process does not end: it is killed");
+        return EXIT_FAILURE;  // by ~Child
+      }
+      zmq::poll(items, kTick);
+      if (items[1].revents != 0 && !stopping) {
+        spdlog::info("stopping: the arms brake and finish");
+        stopping = true;
+        stop_until = Clock::now() + kStopTime;
+        for (const auto& child : children_) child->stop();
+      }
+      if (items[0].revents != 0) answer();
+    }
+  }
+
+ private:
+  void answer() {
+    zmq::message_t identity, frame;
+    while (socket_.recv(identity, zmq::recv_flags::dontwait)) {
+      int frames = 0;
+      for (bool more = identity.more(); more; ++frames) {
+        zmq::message_t next;
+        if (!socket_.recv(next)) return;
+        more = next.more();
+        frame = std::move(next);
+      }
+      proto::Request request;
+      if (frames != 1 || !request.ParsePartialFromArray(frame.data(), static_cast<int>(frame.size())) ||
+          !request.has_request_id()) {
+        continue;  // garbage
+      }
+      proto::Reply reply;
+      reply.set_request_id(request.request_id());
+      if (request.has_list_arms()) {
+        for (const auto& child : children_) *reply.mutable_arms()->add_arms() = child->info();
+        reply.mutable_arms()->set_version(proto::CURRENT);
+      } else {
+        reply.mutable_error()->set_code(proto::Error::INVALID_ARGUMENT);
+        reply.mutable_error()->set_message("this is the supervisor, which answers ListArms: everything else is for the "
+                                           "arm's own endpoint");
+      }
+      try {
+        socket_.send(identity, zmq::send_flags::sndmore | zmq::send_flags::dontwait);
+        socket_.send(zmq::buffer(reply.SerializeAsString()), zmq::send_flags::dontwait);
+      } catch (const zmq::error_t&) {
+        // The client is gone.
+      }
+    }
+  }
+
+  zmq::context_t context_;
+  zmq::socket_t socket_;
+  std::vector<std::unique_ptr<Child>> children_;
+};
+
+}  // namespace
+
+int run_supervisor(const Config& config, const std::string& toml) { return Supervisor(config, toml).run(); }
+
+}  // namespace server

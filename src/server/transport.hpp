@@ -1,0 +1,130 @@
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <vector>
+#include <zmq.hpp>
+
+#include "frankapy/proto/service.pb.h"
+#include "realtime/door.hpp"
+#include "server/skill_builder.hpp"
+
+namespace server {
+
+class Gripper;
+class Publisher;
+
+// The arm's side of service.proto: a ROUTER which answers any number of clients, of which one at a time
+// has the lease and may command. It is taken with the first command, and freed by Goodbye or when the
+// client is silent for kLeaseTime; a skill of a client that is gone runs on, and the next commander's
+// preempts it. Whatever arrives, it goes on: what cannot be read is counted, logged and, where it has a
+// request_id, answered.
+class Transport {
+ public:
+  static constexpr std::chrono::milliseconds kLeaseTime{800};
+
+  // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
+  Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+            Publisher& publisher, Gripper* gripper);
+  ~Transport();
+
+  const std::string& endpoint() const { return endpoint_; }
+
+  // Serves until `quit`.
+  void run(const std::atomic<bool>& quit);
+
+  // From another thread: an arm is connected, and a loop is about to run at the door. `welcome` is what
+  // clients are told of it, but for what this class knows. Returns when nothing is left of the last one.
+  void connected(std::shared_ptr<SkillBuilder> builder, const frankapy::proto::Welcome& welcome);
+  // There is none, for this reason; no loop runs at the door any more. Skills that it has not ended end
+  // with kConnectionLost.
+  void disconnected(const std::string& why);
+
+  // Rounds of run(); grows many times a second.
+  std::uint64_t rounds() const { return rounds_.load(std::memory_order_relaxed); }
+  // Messages that could not be read or were none of service.proto.
+  std::uint64_t garbage() const { return garbage_.load(std::memory_order_relaxed); }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  struct Client {
+    std::string name;
+    Clock::time_point last_heard;
+  };
+  struct Address {  // whom to answer
+    std::string client;  // ROUTER's identity
+    std::uint64_t request_id = 0;
+  };
+  struct Running {
+    Address starter;
+    std::vector<std::string> terminations;  // kinds
+  };
+  struct Connection {
+    std::shared_ptr<SkillBuilder> builder;  // null: not connected
+    frankapy::proto::Welcome welcome;
+    std::string why_not = "the robot is being connected";
+  };
+
+  void receive();
+  void handle(const std::string& identity, const zmq::message_t& frame);
+  void answer(const Address& from, frankapy::proto::Request& request);
+  void hello(const Address& from, const frankapy::proto::Hello& hello);
+  void get_state(const Address& from);
+  void start_skill(const Address& from, const frankapy::proto::StartSkill& start);
+  void stop_skill(const Address& from);
+  void skill_status(const Address& from, std::uint64_t id);
+  void start_gripper(const Address& from, const frankapy::proto::GripperCommand& command);
+  void recover(const Address& from);
+  void goodbye(const Address& from);
+
+  void take_results();
+  void end_skill(const realtime::SkillResult& result);
+  void take_recoveries();
+  void take_gripper_results();
+  void take_disconnection();
+
+  Client& known(const Address& from);
+  void require_lease(const Address& from);
+  void take_lease(const Address& from);
+  void expire_lease();
+  Connection require_connection() const;
+
+  void send(const Address& to, frankapy::proto::Reply& reply);
+  void send_error(const Address& to, frankapy::proto::Error::Code code, const std::string& message);
+  void send_done(const Address& to);
+  void count_garbage(const std::string& what);
+
+  realtime::Door& door_;
+  Publisher& publisher_;
+  Gripper* gripper_;
+  zmq::socket_t socket_;
+  std::string endpoint_;
+
+  std::unordered_map<std::string, Client> clients_;  // by identity
+  std::string commander_;                            // identity; empty: the lease is free
+  std::uint64_t last_skill_ = 0;
+  std::map<std::uint64_t, Running> running_;
+  std::map<std::uint64_t, frankapy::proto::SkillResult> results_;  // the newest ones
+  std::vector<Address> recovering_;
+  std::uint64_t last_ticket_ = 0;
+  std::map<std::uint64_t, Address> gripping_;
+
+  mutable std::mutex mutex_;
+  Connection connection_;
+  bool disconnected_ = false;  // and not dealt with yet
+  std::condition_variable settled_;
+
+  std::atomic<std::uint64_t> rounds_{0}, garbage_{0};
+  Clock::time_point garbage_told_{};
+};
+
+}  // namespace server
