@@ -18,10 +18,20 @@ class InternalController {
 
   // Joint impedance about (q_d, dq_d) with inertia feed-forward of ddq_d.
   Vector7 joint_impedance(const ArmModel& model, const Vector7& q, const Vector7& dq,
-                          const MotionGenerator::Desired& desired) const;
+                          const MotionGenerator::Desired& desired);
   // Cartesian impedance at the stiffness frame K about the pose of (q_d, dq_d), redundancy held.
   Vector7 cartesian_impedance(const ArmModel& model, const Eigen::Matrix4d& F_T_EE, const Vector7& q,
-                              const Vector7& dq, const MotionGenerator::Desired& desired) const;
-};
+                              const Vector7& dq, const MotionGenerator::Desired& desired);
+
+ private:
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
+  using Matrix7 = Eigen::Matrix<double, 7, 7>;
+
+  // The damping follows the posture, which changes slowly: computed anew every so many cycles.
+  static constexpr unsigned kRefresh = 20;
+  static constexpr double kNullspaceStiffness = 50;  // N m/rad
+  unsigned joint_damping_age_ = 0, cartesian_damping_age_ = 0;
+  Matrix7 joint_damping_ = Matrix7::Zero(), nullspace_damping_ = Matrix7::Zero();
+  Matrix6 cartesian_damping_ = Matrix6::Zero();};
 
 }  // namespace sim

@@ -24,13 +24,27 @@ class MotionGenerator {
   // Starts a motion of that mode at rest at q (the q_d that held the arm), with F_T_EE in force.
   void start(fci::MotionGeneratorMode mode, const Eigen::Matrix<double, 7, 1>& q,
              const Eigen::Matrix4d& F_T_EE);
-  // One cycle with the command that arrived.
+  // One cycle with the command that arrived. Without a motion generator (torque alone) nothing moves:
+  // who reports q_d then takes the measured joints.
   void step(const fci::RobotCommand& command);
   // One cycle whose command was lost: constant acceleration.
   void extrapolate();
   const Desired& desired() const { return desired_; }
 
  private:
+  using Vector7 = Eigen::Matrix<double, 7, 1>;
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+
+  bool cartesian() const;
+  // O_T_EE_c after one cycle with that velocity.
+  Eigen::Matrix4d moved(const Vector6& velocity) const;
+  void move_joints(const Vector7& q);
+  void move_pose(const Eigen::Matrix4d& pose, double q3);
+  Vector7 inverse(const Eigen::Matrix4d& pose, double q3);
+  void differentiate(const Vector7& q);
+  void set_pose(const Eigen::Matrix4d& pose);
+  void set_elbow(const Vector7& q);
+
   fci::MotionGeneratorMode mode_ = fci::MotionGeneratorMode::kIdle;
   Desired desired_;
   ArmModel model_;

@@ -46,6 +46,9 @@ class World {
   // the force (N) that drives each finger open (> 0) or closed (< 0).
   void step(const Vector7& tau_motor, const std::array<double, 2>& finger_force);
 
+  // Wrench (N, N m; axes of O, at the tool centre) that pushes the hand from now on.
+  void push(const Vector6& wrench);
+
   const Truth& truth() const;
 
   // Free bodies of the scene by name, for the truth file: position and quaternion (w, x, y, z) each.
