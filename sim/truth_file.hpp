@@ -1,0 +1,38 @@
+#pragma once
+
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "sim/world.hpp"
+
+namespace sim {
+
+// What really happened, one row a cycle, as a NumPy file: `numpy.load(path)` gives a structured array
+// with the fields message_id, moving, time, q, dq, ddq, tau_motor, tau_J, finger, finger_force, O_T_TCP,
+// contact_wrench, one field object_NAME (position, quaternion w x y z) for each free body of the scene,
+// and qpos as MuJoCo has it. The number of rows in its header is brought up to date every second and at
+// the end, so the file can be read at any time, also after its writer was killed.
+class TruthFile {
+ public:
+  // Throws std::runtime_error when the file cannot be written.
+  TruthFile(const std::string& path, const World& world);
+  ~TruthFile();
+  TruthFile(const TruthFile&) = delete;
+
+  // One cycle; `moving` is whether a motion of the robot was active.
+  void append(const World& world, std::uint64_t message_id, bool moving);
+
+ private:
+  void write_header();
+  void flush();
+
+  std::FILE* file_ = nullptr;
+  std::string fields_;           // of the dtype, as Python source
+  std::size_t header_size_ = 0;  // bytes
+  std::uint64_t rows_ = 0, rows_written_ = 0;
+  std::size_t objects_ = 0;
+  std::vector<double> buffer_;
+};
+
+}  // namespace sim
