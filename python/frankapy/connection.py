@@ -265,11 +265,12 @@ class _Channel:
                 if reply is None:
                     continue
                 unanswered_since = None
+                if reply.WhichOneof("answer") == "error" and reply.error.code == proto.Error.UNKNOWN_CLIENT:
+                    reason = f"The arm's process does not know this client: {reply.error.message}"
+                    self.lost = reason  # before the caller hears of it, who then sends over a new channel
                 call = pending.get(reply.request_id)
                 if call is not None and call.answer(reply):
                     del pending[reply.request_id]
-                if reply.WhichOneof("answer") == "error" and reply.error.code == proto.Error.UNKNOWN_CLIENT:
-                    reason = f"The arm's process does not know this client: {reply.error.message}"
             if monitor in ready and not reason:
                 reason = (
                     f"The arm's process at {self.endpoint} has ended. Is the server still there? `frankapy status` "
