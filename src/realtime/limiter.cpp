@@ -62,11 +62,21 @@ struct Planner {
     for (std::size_t i = 0; i < N; ++i) out[i] = {p[i] - in.current_position[i], v[i], a[i]};
   }
 
-  // Coordinate i reaches its goal within dt seconds.
+  // Coordinate i is as good as at its goal: the checks see to it that the rest is within the limits.
   bool arrives(std::size_t i, double dt) const noexcept {
-    return trajectory.get_independent_min_durations()[i] <= dt;
+    return trajectory.get_independent_min_durations()[i] <= 2 * dt;
   }
 };
+
+bool is_valid(const Reference& reference) {
+  if (reference.kind == ReferenceKind::kJoint) {
+    const JointReference& joint = reference.joint;
+    return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
+  }
+  const CartesianReference& pose = reference.cartesian;
+  return pose.position.allFinite() && std::abs(pose.orientation.norm() - 1) < 1e-6 &&
+         pose.velocity.allFinite() && pose.acceleration.allFinite();
+}
 
 Vector3 limited(const Vector3& x, double length) {
   const double norm = x.norm();
@@ -78,6 +88,7 @@ Vector3 limited(const Vector3& x, double length) {
 struct Limiter::Impl {
   models::Limits limits;
   ReferenceKind kind = ReferenceKind::kJoint;
+  Reference last;  // output
 
   // One joint. v and a are backward differences of the outputs, as the robot sees them; velocity and
   // acceleration are those of the motion at the last output.
@@ -447,6 +458,16 @@ struct Limiter::Impl {
     return !(pass_position && pass_orientation);
   }
 
+  bool is_last(const Reference& from) const {
+    if (from.kind != last.kind) return false;
+    if (from.kind == ReferenceKind::kJoint) {
+      return from.joint.q == last.joint.q && from.joint.dq == last.joint.dq && from.joint.ddq == last.joint.ddq;
+    }
+    const CartesianReference &a = from.cartesian, &b = last.cartesian;
+    return a.position == b.position && a.orientation.coeffs() == b.orientation.coeffs() &&
+           a.velocity == b.velocity && a.acceleration == b.acceleration;
+  }
+
   void write(Reference& out) const {
     out.kind = kind;
     if (kind == ReferenceKind::kJoint) {
@@ -464,6 +485,8 @@ void Limiter::reset(const Reference& from) noexcept {
   // As if the outputs before had come with constant acceleration: differences lag by half a cycle.
   constexpr double kHalfCycle = 0.0005;  // s
   Impl& m = *impl_;
+  if (m.is_last(from)) return;  // and the differences are known
+  m.last = from;
   m.kind = from.kind;
   if (from.kind == ReferenceKind::kJoint) {
     for (int i = 0; i < kJoints; ++i) {
@@ -487,23 +510,15 @@ void Limiter::reset(const Reference& from) noexcept {
 
 bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcept {
   Impl& m = *impl_;
-  out.kind = m.kind;
-  if (wanted.kind == m.kind) {
-    if (m.kind == ReferenceKind::kJoint) {
-      const JointReference& joint = wanted.joint;
-      if (joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite()) {
-        return m.follow(joint, dt, out.joint);
-      }
-    } else {
-      const CartesianReference& pose = wanted.cartesian;
-      if (pose.position.allFinite() && std::abs(pose.orientation.norm() - 1) < 1e-6 &&
-          pose.velocity.allFinite() && pose.acceleration.allFinite()) {
-        return m.follow(pose, dt, out.cartesian);
-      }
-    }
+  if (wanted.kind != m.kind || !is_valid(wanted)) {
+    brake(dt, out);
+    return true;
   }
-  brake(dt, out);
-  return true;
+  out.kind = m.kind;
+  const bool held = m.kind == ReferenceKind::kJoint ? m.follow(wanted.joint, dt, out.joint)
+                                                    : m.follow(wanted.cartesian, dt, out.cartesian);
+  m.last = out;
+  return held;
 }
 
 bool Limiter::brake(double dt, Reference& out) noexcept {
@@ -520,6 +535,7 @@ bool Limiter::brake(double dt, Reference& out) noexcept {
     m.move(m.brake_step(m.translation, dt), m.brake_step(m.rotation, dt), dt);
   }
   m.write(out);
+  m.last = out;
   return at_rest();
 }
 
@@ -542,6 +558,7 @@ void Limiter::coast(double dt, Reference& out) noexcept {
     m.orientation = (exp(dt * m.rotation.v) * m.orientation).normalized();
   }
   m.write(out);
+  m.last = out;
 }
 
 bool Limiter::at_rest() const noexcept {

@@ -47,6 +47,20 @@ pinocchio::FrameIndex link(const pinocchio::Model& model, int number) {
                               ", and has " + list(links));
 }
 
+// Of link7 alone. What is fixed beyond the flange comes by set_tool().
+pinocchio::Inertia last_link(const pinocchio::Model& model) {
+  const auto flange = link(model, kJoints + 1);
+  const auto joint = model.frames[flange].parentJoint;
+  std::vector<bool> before(model.frames.size(), false);
+  for (auto i = flange; i != 0; i = model.frames[i].parentFrame) before[i] = true;
+  pinocchio::Inertia inertia = model.inertias[joint];
+  for (pinocchio::FrameIndex i = 0; i < model.frames.size(); ++i) {
+    const auto& frame = model.frames[i];
+    if (frame.parentJoint == joint && !before[i]) inertia -= frame.placement.act(frame.inertia);
+  }
+  return inertia;
+}
+
 // Fixes every joint but joint1..joint7 (a hand's fingers have joints as well).
 pinocchio::Model reduce(const pinocchio::Model& model) {
   std::vector<pinocchio::JointIndex> extra;
@@ -88,13 +102,14 @@ struct Model::Impl {
   Matrix7 M;
   Vector7 c, g;
 
-  explicit Impl(const std::string& urdf)
-      : model(reduce(parse(urdf))),
+  explicit Impl(const pinocchio::Model& description)
+      : model(reduce(description)),
         data(model),
         kinematics(model),
         q(Eigen::VectorXd::Zero(kJoints)),
         dq(Eigen::VectorXd::Zero(kJoints)),
-        q_kinematics(Eigen::VectorXd::Zero(kJoints)) {
+        q_kinematics(Eigen::VectorXd::Zero(kJoints)),
+        link7(last_link(description)) {
     const auto flange = link(model, kJoints + 1);
     if (model.frames[flange].parentJoint != kJoints) {
       throw std::invalid_argument("the robot's URDF should have its flange " + model.frames[flange].name +
@@ -108,12 +123,6 @@ struct Model::Impl {
     const auto& base = model.frames[link(model, 0)];
     model.jointPlacements[1] = base.placement.actInv(model.jointPlacements[1]);
 
-    // What is fixed beyond the flange comes by set_tool(), so of the URDF only the way to it counts.
-    link7.setZero();
-    for (auto frame = flange; model.frames[frame].type != pinocchio::JOINT;
-         frame = model.frames[frame].parentFrame) {
-      link7 += model.frames[frame].placement.act(model.frames[frame].inertia);
-    }
     model.inertias[kJoints] = link7;
   }
 
@@ -126,7 +135,7 @@ struct Model::Impl {
   }
 };
 
-Model::Model(const std::string& urdf) : impl_(std::make_unique<Impl>(urdf)) {
+Model::Model(const std::string& urdf) : impl_(std::make_unique<Impl>(parse(urdf))) {
   update(Vector7::Zero(), Vector7::Zero());
 }
 

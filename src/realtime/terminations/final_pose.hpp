@@ -1,0 +1,27 @@
+#pragma once
+
+#include "realtime/terminations/termination.hpp"
+
+namespace realtime {
+
+// Ends when the measured pose is within the thresholds of the trajectory's goal: position along each
+// axis of O, orientation by the angle between the two.
+class FinalPose : public Termination {
+ public:
+  struct Parameters {
+    Vector3 position_threshold;    // m, >= 0
+    double orientation_threshold;  // rad, >= 0
+  };
+
+  // Throws std::invalid_argument naming field, value and bound.
+  explicit FinalPose(const Parameters& parameters);
+
+  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
+  bool step(const Cycle& cycle, const Progress& progress) noexcept override;
+
+ private:
+  Vector3 position_threshold_;
+  double orientation_threshold_;
+};
+
+}  // namespace realtime

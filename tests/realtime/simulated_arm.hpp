@@ -1,0 +1,75 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <string>
+
+#include "models/arm.hpp"
+#include "realtime/cycle.hpp"
+
+namespace testing_tools {
+
+// An arm without friction whose gravity is compensated: M ddq + coriolis = tau. A torque takes effect one
+// cycle after its state, and stays for a cycle.
+class SimulatedArm {
+ public:
+  static constexpr double kDt = 0.001;  // s
+
+  // `motor_inertia` (kg m²) adds to each joint what the model does not know.
+  explicit SimulatedArm(const std::string& name, double motor_inertia = 0)
+      : plant_(models::urdf(models::arm(name), 10)),
+        model(models::urdf(models::arm(name), 10)),
+        cycle{state, model, 0, kDt, {}, {}, {}, {}},
+        motor_inertia_(motor_inertia) {
+    set_tool(0.73, realtime::Vector3(-0.01, 0, 0.03));
+    q = realtime::Vector7::Map(models::kHome.data());
+    observe();
+  }
+
+  void set_tool(double mass, const realtime::Vector3& com) {
+    Eigen::Isometry3d F_T_EE(Eigen::AngleAxisd(models::hand::kYaw, realtime::Vector3::UnitZ()));
+    F_T_EE.translation() = realtime::Vector3(0, 0, models::hand::kTcp);
+    const Eigen::Matrix3d I = 0.002 * Eigen::Matrix3d::Identity();
+    for (realtime::Model* m : {&plant_, &model}) m->set_tool(mass, com, I, F_T_EE);
+    observe();
+  }
+
+  // What the controller sees.
+  void observe() {
+    model.update(q, dq);
+    cycle.q = q;
+    cycle.dq = dq;
+    cycle.O_T_EE = model.O_T_EE();
+    cycle.tau_J_d = tau;
+  }
+
+  // One cycle under `next`, of which the arm feels the one before; `external` acts at once.
+  void step(const realtime::Vector7& next, const realtime::Vector7& external = realtime::Vector7::Zero()) {
+    constexpr int kSubsteps = 4;
+    for (int k = 0; k < kSubsteps; ++k) {
+      plant_.update(q, dq);
+      realtime::Matrix7 M = plant_.mass();
+      M.diagonal().array() += motor_inertia_;
+      const realtime::Vector7 ddq = M.llt().solve(tau + external - plant_.coriolis());
+      dq += kDt / kSubsteps * ddq;
+      q += kDt / kSubsteps * dq;
+    }
+    tau = next;
+    cycle.time += kDt;
+    observe();
+  }
+
+ private:
+  realtime::Model plant_;
+
+ public:
+  fci::RobotState state;
+  realtime::Model model;
+  realtime::Cycle cycle;
+  realtime::Vector7 q, dq = realtime::Vector7::Zero(), tau = realtime::Vector7::Zero();
+
+ private:
+  double motor_inertia_;
+};
+
+}  // namespace testing_tools
