@@ -367,6 +367,7 @@ void Loop::send_command() noexcept {
   }
   compute_ns_ = now_ns() - driver_.received_ns();
   driver_.send(command_);
+  if (skill_ != nullptr && first_command_ns_ == 0) first_command_ns_ = now_ns();
 }
 
 // A skill ends when its reference rests.
@@ -427,6 +428,8 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   result.time = skill_time_;
   result.stretch = skill->trajectory->stretch();
   result.limited_cycles = limited_cycles_;
+  result.first_command_ns = first_command_ns_;
+  result.last_cycle_ns = now_ns();
   post_result(result, *skill);
   skill_ = nullptr;
 }
@@ -497,6 +500,7 @@ void Loop::start_skill() noexcept {
   leaving_ = false;
   hold_until_ = std::numeric_limits<std::uint64_t>::max();
   limited_cycles_ = 0;
+  first_command_ns_ = 0;
   trajectory_over_ = false;
   cycle_.time = 0;
   skill_->controller->start(cycle_, reference_);

@@ -108,6 +108,7 @@ class Loop {
   bool trajectory_over_ = false;
   bool faulty_ = false;      // the holder's controller gave what is not finite
   std::uint64_t limited_cycles_ = 0;
+  std::int64_t first_command_ns_ = 0;  // 0: not yet
   bool leaving_ = false;     // no skill, and the motion is to be finished as soon as the arm rests
   std::uint64_t hold_until_ = 0;  // message_id
 

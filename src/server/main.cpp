@@ -34,7 +34,7 @@ int main(int argc, char** argv) {
   arm_command->add_flag("--supervised", supervised);
   CLI11_PARSE(app, argc, argv);
 
-  spdlog::set_default_logger(spdlog::stderr_color_mt(""));
+  spdlog::set_default_logger(spdlog::stderr_color_mt("franka-interface"));
   spdlog::set_pattern("[%H:%M:%S.%e] %^%l%$ %v");
   try {
     if (*arm_command) {
