@@ -15,6 +15,8 @@ endif()
 list(PREPEND CMAKE_PREFIX_PATH ${site_packages}/cmeel.prefix)
 set(Boost_NO_WARN_NEW_VERSIONS ON)  # the wheel's Boost is newer than Debian's CMake
 find_package(pinocchio REQUIRED)
+# Its libraries take a symbol of newer libstdc++ from liboctomath, which they load but ld passes over as not needed.
+set_property(TARGET pinocchio::pinocchio APPEND PROPERTY INTERFACE_LINK_OPTIONS LINKER:--allow-shlib-undefined)
 
 find_package(ruckig REQUIRED PATHS ${site_packages}/lib64/cmake/ruckig ${site_packages}/lib/cmake/ruckig NO_DEFAULT_PATH)
 # The wheel switches on a client for a cloud service, whose symbols the library lacks.
