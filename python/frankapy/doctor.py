@@ -49,15 +49,19 @@ def examine(server: str | None, robot: str | None) -> Iterator[Finding]:
         arms = list_arms(server)
         yield Finding(OK, "server", f"answers at {host}:{port}")
     except FrankaArmException as error:
-        found, _, advice = error.message.partition(". ")
+        found, advice = _first_sentence(error.message)
         yield Finding(NOTE, "server", found[0].lower() + found[1:], advice)
     for arm in arms:
-        level = OK if arm.endpoint else BAD
-        advice = "" if arm.endpoint else "The server's own output says more; it goes on trying."
-        yield Finding(level, f"arm {arm.name}", f"{arm.address}: {arm.status}", advice)
+        found, advice = _first_sentence(arm.status)
+        yield Finding(OK if arm.endpoint else BAD, f"arm {arm.name}", f"{arm.address}: {found}", advice)
     addresses = [robot] if robot else [arm.address for arm in arms if not arm.address.startswith("127.")]
     for address in addresses:
         yield from _network(address)
+
+
+def _first_sentence(text: str) -> tuple[str, str]:
+    sentence, _, rest = text.partition(". ")
+    return sentence.removesuffix("."), rest
 
 
 def _software() -> Iterator[Finding]:

@@ -19,6 +19,7 @@ from frankapy import (
     FrankaArmCommException,
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
+    connection,
     proto,
 )
 from frankapy.sim import free_address
@@ -34,6 +35,12 @@ def server():
 def arm(server):
     with FrankaArm(server=server.address) as arm:
         yield arm
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Take a server for gone after 1 s of silence."""
+    monkeypatch.setattr(connection, "_SILENCE", 1.0)
 
 
 def refusal(code, message="no"):
@@ -57,7 +64,7 @@ def test_the_environment_names_the_server(server, monkeypatch):
         assert list(arm.get_joints()) == HOME
 
 
-def test_another_program_on_the_port_is_told_from_a_server():
+def test_another_program_on_the_port_is_told_from_a_server(impatient):
     with socket.create_server((free_address(), 0)) as stranger:
         host, port = stranger.getsockname()
         with pytest.raises(FrankaArmCommException, match="another program"):
@@ -167,7 +174,7 @@ def test_a_closed_arm_says_so(arm):
         arm.get_joints()
 
 
-def test_a_silent_server_fails_what_waits_and_is_found_again(server, arm):
+def test_a_silent_server_fails_what_waits_and_is_found_again(server, arm, impatient):
     server.skill_time = 30
     arm.goto_joints(HOME, 1, block=False)
     server.silent = True
@@ -184,7 +191,7 @@ def test_a_server_that_forgot_this_client_is_greeted_again(server, arm):
     assert len(server.calls("hello")) == 2
 
 
-def test_a_motion_without_an_answer_is_not_sent_twice(server, arm):
+def test_a_motion_without_an_answer_is_not_sent_twice(server, arm, impatient):
     server.silent = True
     with pytest.raises(FrankaArmCommException):
         arm.goto_joints(HOME, 1)

@@ -1,0 +1,252 @@
+"""What the arm does, judged by the truth of the physics."""
+
+import numpy as np
+import pytest
+from conftest import HOME
+
+from frankapy import FrankaArm, RigidTransform, proto
+
+# Pose in the truth file: of the tool centre of the hand, which is the robot's end effector by default.
+
+
+def pose_of(row) -> RigidTransform:
+    matrix = row["O_T_TCP"].reshape(4, 4).T
+    return RigidTransform(matrix[:3, :3], matrix[:3, 3], "franka_tool", "world")
+
+
+def errors(pose: RigidTransform, goal: RigidTransform) -> tuple[float, float]:
+    """Return the distance in m and the angle in degrees."""
+    turn = pose.rotation.T @ goal.rotation
+    angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+    return float(np.linalg.norm(pose.translation - goal.translation)), float(angle)
+
+
+def moved(pose: RigidTransform, translation=(0, 0, 0), axis=(0, 0, 0)) -> RigidTransform:
+    """Return a pose moved along the base's axes and turned about its own."""
+    turned = pose.copy()
+    turned.translation += translation
+    turned.rotation = pose.rotation @ RigidTransform.rotation_from_axis_angle(np.array(axis, dtype=float))
+    return turned
+
+
+def in_tool(translation=(0, 0, 0), axis=(0, 0, 0), frame="franka_tool") -> RigidTransform:
+    rotation = RigidTransform.rotation_from_axis_angle(np.array(axis, dtype=float))
+    return RigidTransform(rotation, translation, frame, frame)
+
+
+GOAL = HOME + [0.4, -0.2, 0.3, 0.3, -0.3, 0.4, 0.5]
+
+
+@pytest.mark.parametrize("arm_fixture", ["ideal_arm", "default_arm"])
+def test_goto_joints_by_the_robots_control_ends_within_a_milliradian(request, arm_fixture):
+    arm = request.getfixturevalue(arm_fixture)
+    with arm.client() as fa:
+        fa.goto_joints(HOME, 1)
+        fa.goto_joints(GOAL, 1.5)
+        assert fa.last_skill_result.termination == "FinalJoint"
+        row = arm.truth()[-1]
+    np.testing.assert_allclose(row["q"], GOAL, atol=0.001)
+
+
+def test_goto_joints_is_a_minimum_jerk_curve(fa, ideal_arm):
+    start = fa.get_arm_state().robot.message_id
+    fa.goto_joints(GOAL, 1.5)
+    rows = ideal_arm.truth(since=start)
+    share = (rows["q"] - HOME) @ (GOAL - HOME) / np.sum((GOAL - HOME) ** 2)
+    first, last = np.searchsorted(share, [0.25, 0.75])
+    # 10 r^3 - 15 r^4 + 6 r^5 passes a quarter at 0.35944 of the way and three quarters at the mirrored time.
+    assert (last - first) / 1500 == pytest.approx(1 - 2 * 0.35944, abs=0.01)
+    assert share.max() < 1.001
+
+
+def test_goto_joints_by_the_servers_impedance(fa, ideal_arm):
+    fa.goto_joints(GOAL, 1.5, use_impedance=True, buffer_time=0.5)
+    np.testing.assert_allclose(ideal_arm.truth()[-1]["q"], GOAL, atol=0.005)
+
+
+@pytest.mark.parametrize(("arm_fixture", "mm", "degrees"), [("ideal_arm", 2, 0.5), ("default_arm", 5, 1)])
+def test_cartesian_impedance_ends_near_its_goal(request, arm_fixture, mm, degrees):
+    arm = request.getfixturevalue(arm_fixture)
+    with arm.client() as fa:
+        fa.goto_joints(HOME, 1)
+        for translation, axis in [([0.1, 0.15, -0.15], [0.3, 0.2, 0.4]), ([-0.05, -0.2, 0.05], [0, -0.3, 0])]:
+            goal = moved(fa.get_pose(), translation, axis)
+            fa.goto_pose(goal, 2)
+            distance, angle = errors(pose_of(arm.truth()[-1]), goal)
+            assert distance < mm / 1000
+            assert angle < degrees
+
+
+def test_goto_pose_by_the_robots_control_ends_at_its_goal(fa, ideal_arm):
+    goal = moved(fa.get_pose(), [0.1, 0.1, -0.1], [0.2, 0, 0.3])
+    fa.goto_pose(goal, 2, use_impedance=False)
+    distance, angle = errors(pose_of(ideal_arm.truth()[-1]), goal)
+    assert distance < 0.001
+    assert angle < 0.1
+
+
+@pytest.mark.parametrize("use_impedance", [True, False])
+def test_a_difference_in_the_tools_frame_is_along_and_about_its_axes(fa, ideal_arm, use_impedance):
+    delta = in_tool([0.02, 0.05, 0.08], [0, 0, 0.4])
+    goal = pose_of(ideal_arm.truth()[-1]) * delta
+    fa.goto_pose_delta(delta, 1.5, use_impedance=use_impedance)
+    distance, angle = errors(pose_of(ideal_arm.truth()[-1]), goal)
+    assert distance < 0.002
+    assert angle < 0.5
+
+
+def test_a_difference_in_the_base_is_along_its_axes_and_about_the_tools(fa, ideal_arm):
+    start = pose_of(ideal_arm.truth()[-1])
+    fa.goto_pose_delta(in_tool([0.03, 0.06, -0.05], [0.3, 0, 0], "world"), 1.5, use_impedance=False)
+    distance, angle = errors(pose_of(ideal_arm.truth()[-1]), moved(start, [0.03, 0.06, -0.05], [0.3, 0, 0]))
+    assert distance < 0.001
+    assert angle < 0.1
+
+
+def test_a_tool_is_what_moves_to_the_pose(fa, ideal_arm):
+    tool = RigidTransform(
+        RigidTransform.z_axis_rotation(0.5), [0.02, 0.01, 0.05], from_frame="franka_tool", to_frame="franka_tool_base"
+    )
+    fa.set_tool_delta_pose(tool)
+    goal = moved(fa.get_pose(), [0.05, -0.05, -0.05])
+    fa.goto_pose(goal, 1.5, use_impedance=False)
+    base = pose_of(ideal_arm.truth()[-1]).as_frames("franka_tool_base")
+    assert errors(base * tool, goal)[0] < 0.001
+    # Turned in place about the tool's tip, this stays where it is.
+    tip = (base * tool).translation
+    fa.goto_pose_delta(in_tool(axis=[0, 0.3, 0]), 1.5, use_impedance=False)
+    base = pose_of(ideal_arm.truth()[-1]).as_frames("franka_tool_base")
+    np.testing.assert_allclose((base * tool).translation, tip, atol=0.001)
+
+
+def test_softer_springs_leave_more_of_the_friction(default_arm):
+    left = {}
+    with default_arm.client() as fa:
+        for stiffness in (200, 2000):
+            fa.goto_joints(HOME, 1)
+            goal = moved(fa.get_pose(), [0.1, 0.1, -0.1])
+            fa.goto_pose(goal, 1.5, cartesian_impedances=[stiffness] * 3 + [50] * 3)
+            left[stiffness] = errors(pose_of(default_arm.truth()[-1]), goal)[0]
+    assert left[2000] < left[200]
+
+
+def test_reset_pose_and_reset_joints_lead_home(fa):
+    fa.goto_joints(GOAL, 1)
+    fa.reset_pose(2)
+    assert errors(fa.get_pose(), moved(fa.get_pose()))[0] == 0
+    np.testing.assert_allclose(fa.get_pose().translation, [0.3069, 0, 0.4867], atol=0.002)
+    fa.reset_joints(1)
+    np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.001)
+
+
+def test_reads_agree_with_the_truth_and_with_each_other(fa, ideal_arm):
+    fa.goto_joints(GOAL, 1)
+    row = ideal_arm.truth()[-1]
+    state = fa.get_robot_state()
+    np.testing.assert_allclose(fa.get_joints(), row["q"], atol=1e-4)
+    np.testing.assert_allclose(state["joints"], row["q"], atol=1e-4)
+    np.testing.assert_allclose(fa.get_pose().matrix, pose_of(row).matrix, atol=1e-4)
+    np.testing.assert_allclose(state["pose"].matrix, pose_of(row).matrix, atol=1e-4)
+    np.testing.assert_allclose(fa.get_joint_velocities(), 0, atol=0.01)
+    np.testing.assert_allclose(fa.get_joint_torques(), row["tau_J"], atol=1)
+    assert np.linalg.norm(fa.get_ee_force_torque()[:3]) < 2
+    # Its own kinematics: of the frames of the links, and of the Jacobian by differences
+    frames = fa.get_links_transforms(row["q"], use_rigid_transforms=True)
+    np.testing.assert_allclose(frames[-1].matrix, pose_of(row).matrix, atol=1e-4)
+    numeric = [
+        (fa.get_links_transforms(row["q"] + e)[-1][:3, 3] - fa.get_links_transforms(row["q"] - e)[-1][:3, 3]) / 2e-6
+        for e in 1e-6 * np.eye(7)
+    ]
+    np.testing.assert_allclose(fa.get_jacobian(row["q"])[:3], np.transpose(numeric), atol=1e-6)
+
+
+def test_poses_are_fresh_and_may_be_changed(fa):
+    pose = fa.get_pose()
+    pose.translation[2] -= 0.2
+    assert fa.get_pose().translation[2] == pytest.approx(pose.translation[2] + 0.2, abs=1e-3)
+    assert pose.translation.dtype == np.float64
+
+
+def test_a_motion_too_fast_for_the_arm_is_stretched_and_arrives(fa, ideal_arm):
+    start = fa.get_arm_state().robot.message_id
+    goal = HOME + [1.5, 0, 0, 0, 0, 0, 0]
+    fa.goto_joints(goal, 0.2)
+    assert fa.last_skill_result.stretch > 1.5
+    rows = ideal_arm.truth(since=start)
+    np.testing.assert_allclose(rows[-1]["q"], goal, atol=0.001)
+    assert np.abs(rows["dq"][:, 0]).max() < 2.62 * 1.01  # rad/s, of the FR3
+
+
+def test_numpy_numbers_and_tuples_are_taken(fa):
+    fa.goto_joints(tuple(GOAL), np.float32(1), buffer_time=np.float64(0.1))
+    fa.goto_pose(fa.get_pose(), np.int64(1), cartesian_impedances=tuple([600.0] * 3 + [50.0] * 3))
+
+
+def test_the_gripper_arrives_before_its_call_returns(fa, ideal_arm):
+    fa.open_gripper()
+    assert fa.get_gripper_width() == pytest.approx(0.08, abs=0.002)
+    fa.goto_gripper(0.03)
+    assert ideal_arm.truth()[-1]["finger"].sum() == pytest.approx(0.03, abs=0.002)
+    left, right = fa.get_finger_poses()
+    assert np.linalg.norm(left.translation - right.translation) == pytest.approx(0.03, abs=0.002)
+    fa.goto_gripper(0.07, block=False)
+    fa.wait_for_gripper()
+    assert fa.get_gripper_width() == pytest.approx(0.07, abs=0.002)
+    assert fa.is_gripper_skill_done()
+
+
+def test_the_gripper_moves_while_the_arm_does(fa):
+    fa.goto_gripper(0.08)
+    fa.goto_joints(GOAL, 2, block=False)
+    fa.goto_gripper(0.02)
+    fa.wait_for_skill()
+    assert fa.get_gripper_width() == pytest.approx(0.02, abs=0.002)
+    np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.001)
+
+
+def test_states_come_one_a_cycle(fa):
+    with fa.stream_states() as states:
+        while (state := states.receive()) is None:
+            pass
+        ids = [state.robot.message_id]
+        fa.goto_joints(GOAL, 0.5)
+        running = 0
+        while ids[-1] < fa.last_skill_result.last_state.robot.message_id:
+            state = states.receive()
+            ids.append(state.robot.message_id)
+            running += state.phase == proto.RUNNING and state.skill_description == "GoToJoints"
+    assert np.diff(ids).max() == 1
+    assert running >= 500
+
+
+@pytest.mark.parametrize("robot", ["fer", "fr3", "fr3v2"])
+def test_every_arm_moves(start, robot):
+    with start(robot=robot).client() as fa:
+        fa.goto_joints(GOAL, 1)
+        np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.002)
+        fa.goto_pose(moved(fa.get_pose(), [0, 0, -0.05]), 1)
+        assert fa._connection.welcome.model == robot
+
+
+@pytest.mark.parametrize("protocol", range(5, 11))
+def test_every_protocol_version_moves(start, protocol):
+    with start(robot="fer" if protocol == 5 else "fr3", protocol=str(protocol)).client() as fa:
+        assert fa._connection.welcome.protocol_version == protocol
+        fa.goto_joints(GOAL, 1)
+        np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.002)
+        goal = moved(fa.get_pose(), [0, 0.05, -0.05])
+        fa.goto_pose(goal, 1)
+        assert errors(fa.get_pose(), goal)[0] < 0.005
+
+
+def test_two_arms_move_at_once():
+    from frankapy.sim import SimulatedArm, Simulation
+
+    with Simulation(SimulatedArm("fr3", lockstep=True), SimulatedArm("fer", lockstep=True)) as simulation:
+        one, two = (FrankaArm(server=simulation.server, robot_num=n) for n in (1, 2))
+        for arm, side in ((one, 1), (two, -1)):
+            arm.goto_joints(HOME + [0.3 * side, 0, 0, 0, 0, 0, 0], 1, block=False)
+        for arm, side in ((one, 1), (two, -1)):
+            arm.wait_for_skill()
+            assert arm.get_joints()[0] == pytest.approx(0.3 * side, abs=0.002)
+            arm.close()

@@ -1,0 +1,159 @@
+"""What is refused, before anything moves; afterwards the next good command works."""
+
+import numpy as np
+import pytest
+from conftest import HOME
+from test_validation import BAD
+
+from frankapy import FrankaArmArgumentError, FrankaArmNotBuiltError, FrankaConstants, RigidTransform, proto
+from frankapy.validation import validate
+
+ROTATION = np.diag([1.0, -1.0, -1.0])
+
+
+def pose(x, y, z, from_frame="franka_tool", to_frame="world", rotation=ROTATION):
+    return RigidTransform(rotation, [x, y, z], from_frame, to_frame)
+
+
+def broken_pose():
+    p = pose(0.4, 0, 0.4)
+    p.translation[1] = np.nan
+    return p
+
+
+def skewed_pose():
+    p = pose(0.4, 0, 0.4)
+    p.rotation[0, 0] = 1.5
+    return p
+
+
+REFUSED = {
+    "joints: NaN": (lambda fa: fa.goto_joints([0, 0, np.nan, -2, 0, 2, 0]), r"joints\[2\] is nan"),
+    "joints: infinite": (lambda fa: fa.goto_joints([0, 0, 0, -np.inf, 0, 2, 0]), r"joints\[3\] is -inf"),
+    "joints: six": (lambda fa: fa.goto_joints([0] * 6), "6 elements: expected 7"),
+    "joints: text": (lambda fa: fa.goto_joints("home"), "expected 7 numbers"),
+    "joints: out of reach": (lambda fa: fa.goto_joints([0, 0, 0, 0.5, 0, 2, 0]), "Joints not reachable!.*joint 4"),
+    "joints: behind a wall": (lambda fa: fa.goto_joints(HOME + [1.5, 1.2, 0, 1.5, 0, 0, 0]), "virtual walls"),
+    "duration: zero": (lambda fa: fa.goto_joints(HOME, duration=0), "duration is 0 s"),
+    "duration: negative": (lambda fa: fa.goto_joints(HOME, duration=-3), "duration is -3 s"),
+    "duration: NaN": (lambda fa: fa.goto_pose(pose(0.4, 0, 0.4), duration=np.nan), "duration is nan"),
+    "buffer_time: negative": (lambda fa: fa.goto_joints(HOME, buffer_time=-1), "after_trajectory is -1 s"),
+    "gains: six": (lambda fa: fa.goto_joints(HOME, use_impedance=True, k_gains=[1] * 6), "k_gains has 6"),
+    "gains: negative": (lambda fa: fa.goto_joints(HOME, use_impedance=True, k_gains=[-1] * 7), r"stiffness\[0\] is -1"),
+    "stiffness: too high": (
+        lambda fa: fa.goto_pose(pose(0.4, 0, 0.4), cartesian_impedances=[1e4] * 6),
+        r"translational_stiffness\[0\] is 10000 N/m: expected 0 to 3000",
+    ),
+    "stiffness of the robot: too high": (
+        lambda fa: fa.goto_joints(HOME, joint_impedances=[20000] * 7),
+        r"K_theta\[0\] is 20000",
+    ),
+    "pose: no pose": (lambda fa: fa.goto_pose([0.4, 0, 0.4]), "expected a RigidTransform"),
+    "pose: NaN": (lambda fa: fa.goto_pose(broken_pose()), "not finite"),
+    "pose: no rotation": (lambda fa: fa.goto_pose(skewed_pose()), "no rotation matrix"),
+    "pose: of the tool base": (
+        lambda fa: fa.goto_pose(fa.get_pose(include_tool_offset=False)),
+        "frames franka_tool_base to world: expected franka_tool to world",
+    ),
+    "pose: unknown frame": (lambda fa: fa.goto_pose(pose(0.4, 0, 0.4, to_frame="table")), "franka_tool to table"),
+    "pose: behind a wall": (lambda fa: fa.goto_pose(pose(0.8, 0, 0.4)), "x = 0.800 m.*virtual walls.*0.75"),
+    "pose: out of reach": (
+        lambda fa: fa.goto_pose(pose(0.74, 0.45, 0.95), ignore_virtual_walls=True),
+        "(?i)reach",
+    ),
+    "pose: 3 m away": (lambda fa: fa.goto_pose(pose(3, 0, 0.4), ignore_virtual_walls=True), "position.*expected -2 to 2"),
+    "delta: wrong frames": (
+        lambda fa: fa.goto_pose_delta(pose(0, 0, 0.1, "franka_tool", "world")),
+        "expected franka_tool to franka_tool or world to world",
+    ),
+    "delta: behind a wall": (
+        lambda fa: fa.goto_pose_delta(pose(0, 0, -0.9, "world", "world", np.eye(3))),
+        "virtual walls",
+    ),
+    "delta: out of reach": (
+        lambda fa: fa.goto_pose_delta(
+            pose(0.9, 0, 0, "world", "world", np.eye(3)), ignore_virtual_walls=True
+        ),
+        "(?i)reach",
+    ),
+    "tool: wrong frames": (lambda fa: fa.set_tool_delta_pose(pose(0, 0, 0.1)), "expected franka_tool to franka_tool_base"),
+    "gripper: too wide": (lambda fa: fa.goto_gripper(0.09), "width is 0.09 m: expected 0 to 0.08"),
+    "gripper: negative": (lambda fa: fa.goto_gripper(-0.01), "width is -0.01 m"),
+    "gripper: NaN": (lambda fa: fa.goto_gripper(np.nan), "width is nan"),
+    "gripper: speed": (lambda fa: fa.goto_gripper(0.04, speed=-1), "speed is -1 m/s"),
+    "gripper: force": (lambda fa: fa.goto_gripper(0.04, grasp=True, force=1000), "force is 1000 N: expected 0 to 140"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_it_is_refused_by_name_and_nothing_moves(fa, name):
+    call, text = REFUSED[name]
+    before = fa.get_joints()
+    with pytest.raises(FrankaArmArgumentError, match=text):
+        call(fa)
+    assert fa.is_skill_done()
+    np.testing.assert_allclose(fa.get_joints(), before, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"dynamic": True}, {"force_thresholds": [10] * 6}, {"torque_thresholds": [10] * 7}]
+)
+def test_what_is_not_built_yet_says_so(fa, arguments):
+    with pytest.raises(FrankaArmNotBuiltError, match="not built yet"):
+        fa.goto_joints(HOME, **arguments)
+
+
+def test_walls_are_not_asked_where_they_are_ignored(fa):
+    joints = HOME + [0.9, 0.4, 0, 0.6, 0, 0, 0]
+    with pytest.raises(ValueError, match="y = .* virtual walls"):
+        fa.goto_joints(joints, 1)
+    fa.goto_joints(joints, 1, ignore_virtual_walls=True)
+
+
+def test_walls_are_those_of_the_constants(fa, monkeypatch):
+    walls = FrankaConstants.WORKSPACE_WALLS.copy()
+    walls[3, 0] = 0.35
+    monkeypatch.setattr(FrankaConstants, "WORKSPACE_WALLS", walls)
+    with pytest.raises(ValueError, match="0.35"):
+        fa.goto_pose(pose(0.4, 0, 0.45))
+
+
+def request_of(message) -> proto.Request:
+    """Return a request that carries a component, the rest of its skill good."""
+    if isinstance(message, proto.GripperCommand):
+        return proto.Request(gripper=message)
+    parts = {
+        "trajectory": proto.MinJerkJoint(q=HOME, duration=1),
+        "controller": proto.JointImpedance(),
+        "terminations": proto.Time(after_trajectory=0.1),
+    }
+    kind = message.DESCRIPTOR.file.name.rsplit("/")[-1].removesuffix(".proto")
+    parts[{"trajectories": "trajectory", "controllers": "controller"}.get(kind, kind)] = message
+    skill = proto.Skill()
+    skill.trajectory.Pack(parts["trajectory"])
+    skill.controller.Pack(parts["controller"])
+    skill.terminations.add().Pack(parts["terminations"])
+    return proto.Request(start_skill=proto.StartSkill(skill=skill))
+
+
+@pytest.mark.parametrize("message", [message for message, _ in BAD], ids=[text for _, text in BAD])
+def test_the_server_refuses_what_the_client_refuses_in_the_same_words(fa, message):
+    with pytest.raises(FrankaArmArgumentError) as ours:
+        validate(message)
+    with pytest.raises(FrankaArmArgumentError) as theirs:
+        fa._connection.ask(request_of(message))
+    assert ours.value.message in theirs.value.message
+
+
+def test_an_unknown_kind_is_refused_with_those_known(fa):
+    request = request_of(proto.JointImpedance())
+    request.start_skill.skill.controller.type_url = "type.googleapis.com/frankapy.proto.FromTheFuture"
+    with pytest.raises(FrankaArmArgumentError, match="FromTheFuture.*CartesianImpedance"):
+        fa._connection.ask(request)
+
+
+def test_bytes_that_are_not_the_kind_are_refused(fa):
+    request = request_of(proto.JointImpedance())
+    request.start_skill.skill.trajectory.value = b"\x0a\xff\xff"
+    with pytest.raises(FrankaArmArgumentError, match="MinJerkJoint"):
+        fa._connection.ask(request)

@@ -1,0 +1,199 @@
+"""Several clients, stops, polling, and what reaches the server's ports from strangers."""
+
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zmq
+from conftest import HOME
+from test_motions import GOAL
+
+from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmCommException, proto
+from frankapy.connection import list_arms
+
+LONG = 1000  # s of the robot's clock; in lockstep, many seconds of ours
+
+
+def is_moving(fa) -> bool:
+    return fa.get_arm_state().phase == proto.RUNNING
+
+
+def wait_until(condition, timeout=10.0):
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_call_that_does_not_wait_returns_at_once_and_can_be_polled(fa):
+    fa.goto_joints(GOAL, 20, block=False)
+    assert not fa.is_skill_done()
+    wait_until(fa.is_skill_done, 60)
+    np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.001)
+
+
+def test_stop_brings_the_arm_to_rest_on_its_way(fa, ideal_arm):
+    start = fa.get_arm_state().robot.message_id
+    fa.goto_joints(GOAL, LONG, block=False)
+    wait_until(lambda: np.abs(fa.get_joints() - HOME).max() > 0.001)
+    fa.stop_skill()
+    assert fa.is_skill_done()
+    assert fa.last_skill_result.ending == proto.STOPPED
+    rows = ideal_arm.truth(since=start)
+    assert np.abs(rows[-1]["dq"]).max() < 0.005
+    assert np.abs(rows[-1]["q"] - GOAL).max() > 0.01
+
+
+def test_stop_with_nothing_to_stop_is_harmless(fa):
+    fa.stop_skill()
+    fa.goto_joints(GOAL, 1)
+    np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.001)
+
+
+def test_while_one_client_commands_others_read_and_stop_but_do_not_command(fa, ideal_arm):
+    fa.goto_joints(GOAL, LONG, block=False)
+    with ideal_arm.client() as other:
+        assert other.get_joints().shape == (7,)
+        with pytest.raises(FrankaArmBusyException, match="another client commands this arm"):
+            other.goto_joints(HOME, 1)
+        with pytest.raises(FrankaArmBusyException):
+            other.open_gripper()
+        other.stop_skill()
+    fa.wait_for_skill()
+    assert fa.last_skill_result.ending == proto.STOPPED
+
+
+def test_the_next_client_commands_when_one_has_left(ideal_arm):
+    with ideal_arm.client() as first:
+        first.goto_joints(HOME, 1)
+    with ideal_arm.client() as second:
+        second.goto_joints(GOAL, 1)
+        np.testing.assert_allclose(second.get_joints(), GOAL, atol=0.001)
+
+
+def test_the_skill_of_a_client_that_left_holds_nobody_up(ideal_arm):
+    with ideal_arm.client() as first:
+        first.goto_joints(HOME, 1)
+        first.goto_joints(GOAL, LONG, block=False)
+    with ideal_arm.client() as second:
+        wait_until(lambda: is_moving(second))
+        second.goto_joints(HOME + 0.1, 1)
+        np.testing.assert_allclose(second.get_joints(), HOME + 0.1, atol=0.001)
+
+
+KILLED = """
+import sys
+from frankapy import FrankaArm
+FrankaArm(server=sys.argv[1]).goto_joints({goal}, {duration})
+"""
+
+
+def test_after_a_client_was_killed_the_next_one_commands(fa, ideal_arm):
+    fa.close()
+    script = KILLED.format(goal=GOAL.tolist(), duration=LONG)
+    child = subprocess.Popen([sys.executable, "-c", script, ideal_arm.server])
+    with ideal_arm.client() as other:
+        wait_until(lambda: is_moving(other))
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait()
+
+        def commands():
+            try:
+                other.goto_joints(HOME, 1)
+            except FrankaArmBusyException:
+                return False
+            return True
+
+        wait_until(commands, 3)
+        np.testing.assert_allclose(other.get_joints(), HOME, atol=0.001)
+
+
+def test_an_arm_that_the_server_does_not_have_is_refused(ideal_arm):
+    with pytest.raises(FrankaArmArgumentError, match="robot_num is 2.*arm1"):
+        ideal_arm.client(robot_num=2)
+
+
+def endpoints(arm) -> list[tuple[str, int]]:
+    """Return host and port of everything that the server listens on for clients."""
+    with arm.client() as fa:
+        found = [arm.server, list_arms(arm.server)[0].endpoint, fa._connection.welcome.state_endpoint]
+    pairs = [endpoint.removeprefix("tcp://").rsplit(":", 1) for endpoint in found]
+    return [(host, int(port)) for host, port in pairs]
+
+
+def test_garbage_on_its_ports_disturbs_nobody(ideal_arm):
+    noise = random.Random(7)
+    with ideal_arm.client() as fa:
+        fa.goto_joints(HOME, 1)
+        fa.goto_joints(GOAL, 30, block=False)
+        for address in endpoints(ideal_arm):
+            for size in (0, 1, 11, 64, 100_000):
+                with socket.create_connection(address) as stranger:
+                    stranger.sendall(noise.randbytes(size))
+        fa.wait_for_skill()
+        np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.001)
+        fa.goto_joints(HOME, 1)
+
+
+def test_messages_that_are_no_requests_are_answered_or_dropped(ideal_arm):
+    noise = random.Random(8)
+    context = zmq.Context()
+    for host, port in endpoints(ideal_arm)[:2]:
+        dealer = context.socket(zmq.DEALER)
+        dealer.linger = 0
+        dealer.connect(f"tcp://{host}:{port}")
+        dealer.send(b"")
+        dealer.send_multipart([b"a", b"b", b"c"])
+        for size in (1, 10, 1000, 1_000_000):
+            dealer.send(noise.randbytes(size))
+        dealer.send(proto.Request(request_id=3).SerializeToString())
+        dealer.send(proto.Request(request_id=4, get_state=proto.GetState()).SerializeToString())
+        answered = []
+        while dealer.poll(500):
+            reply = proto.Reply.FromString(dealer.recv())
+            assert reply.WhichOneof("answer") == "error"
+            answered.append(reply.request_id)
+        assert {3, 4} <= set(answered)
+        dealer.close()
+    context.term()
+    with ideal_arm.client() as fa:
+        fa.goto_joints(GOAL, 1)
+        fa.goto_joints(HOME, 1)
+
+
+def test_another_version_of_the_interface_is_refused(ideal_arm):
+    context = zmq.Context()
+    dealer = context.socket(zmq.DEALER)
+    dealer.linger = 0
+    dealer.connect(list_arms(ideal_arm.server)[0].endpoint)
+    for hello in (proto.Hello(), proto.Hello(version=proto.UNSPECIFIED)):
+        dealer.send(proto.Request(request_id=1, hello=hello).SerializeToString())
+        assert dealer.poll(5000)
+        error = proto.Reply.FromString(dealer.recv()).error
+        assert error.code == proto.Error.INCOMPATIBLE_VERSION
+        assert "install the same version" in error.message
+    dealer.close()
+    context.term()
+
+
+def test_a_crash_of_an_arms_process_is_told_and_the_arm_is_back_soon(start):
+    arm = start()
+    with arm.client() as fa:
+        fa.goto_joints(GOAL, LONG, block=False)
+        supervisor = arm.simulation.processes[-1]
+        children = Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split()
+        os.kill(int(children[0]), signal.SIGKILL)
+        with pytest.raises(FrankaArmCommException):
+            fa.wait_for_skill()
+        begun = time.monotonic()
+        fa.wait_for_franka_interface()
+        fa.goto_joints(HOME, 1)
+        assert time.monotonic() - begun < 15
+        np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.002)
