@@ -158,16 +158,11 @@ struct Limiter::Impl {
     (*stop.in.min_acceleration)[0] = -A;
     stop.in.max_jerk[0] = J;
     if (!stop.plan()) return false;
-    std::array<ruckig::Bound, 1> extrema;
-    stop.trajectory.get_position_extrema(extrema);
-    if (extrema[0].max > std::max(limits.q_max[i], q) || extrema[0].min < std::min(limits.q_min[i], q)) {
-      return false;
-    }
-    if (limits.envelope_deceleration[i] == 0) return true;
     constexpr int kSamples = 16;
     for (int k = 0; k <= kSamples; ++k) {
       std::array<double, 1> p, v, a;
       stop.trajectory.at_time(stop.trajectory.get_duration() * k / kSamples, p, v, a);
+      if (p[0] > std::max(limits.q_max[i], q) || p[0] < std::min(limits.q_min[i], q)) return false;
       if (v[0] > kEnvelopeSlack / 100 && v[0] > kShare * limits.dq_upper(i, p[0]) - kEnvelopeSlack) {
         return false;
       }

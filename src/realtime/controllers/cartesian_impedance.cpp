@@ -43,13 +43,14 @@ struct Dynamics {
     mobility.compute(W);
     v.noalias() = J * cycle.dq;
 
-    // I - M^-1 J^T Lambda J = n n^T M / (n^T M n): the largest column is the least rounded.
-    Matrix7 P = Matrix7::Identity();
+    // I - M^-1 J^T Lambda J = n n^T M / (n^T M n), of which any column but a small one gives n. The
+    // diagonal sums to 1.
     const Matrix67 Lambda_J = mobility.solve(J);
-    P.noalias() -= M_inv_Jt * Lambda_J;
-    int best = 0;
-    P.colwise().squaredNorm().maxCoeff(&best);
-    n = P.col(best).normalized();
+    int column = 0;
+    (M_inv_Jt.array() * Lambda_J.transpose().array()).rowwise().sum().minCoeff(&column);
+    n.noalias() = -M_inv_Jt * Lambda_J.col(column);
+    n[column] += 1;
+    n.normalize();
     M_n.noalias() = M * n;
     n_M_n = n.dot(M_n);
   }

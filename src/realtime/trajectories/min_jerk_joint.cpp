@@ -60,7 +60,10 @@ void MinJerkJoint::raise_at(double t, double& worst) const noexcept {
       v_max = point.v[i] > 0 ? limits_.dq_upper(i, point.x[i]) : -limits_.dq_lower(i, point.x[i]);
       v_max = std::max(v_max - kEnvelopeRoom, 1e-3);
     }
-    if (std::abs(point.v_timed[i]) < 0.01 * v_max) continue;  // what it begins with: no duration mends it
+    // What it begins with, no duration mends.
+    if (std::abs(point.v_timed[i]) < 0.01 * v_max || std::abs(point.v[i] - point.v_timed[i]) > 0.9 * v_max) {
+      continue;
+    }
     raise(worst, std::abs(point.v[i]) / (kMotionShare * v_max),
           std::abs(point.a[i]) / (kMotionShare * limits_.ddq_max[i]),
           std::abs(point.j[i]) / (kMotionShare * limits_.dddq_max[i]));

@@ -51,7 +51,8 @@ void MinJerkPose::start(const Reference& from) noexcept {
   if (translation_.moving() || rotation_.moving()) {
     const auto raise_by = [](double& worst, const Vector3& v, const Vector3& a, const Vector3& j,
                              const Vector3& v_timed, const models::Limits::Rates& limits) {
-      if (v_timed.norm() < 0.01 * limits.velocity) return;  // what it begins with: no duration mends it
+      // What it begins with, no duration mends.
+      if (v_timed.norm() < 0.01 * limits.velocity || (v - v_timed).norm() > 0.9 * limits.velocity) return;
       raise(worst, v.norm() / (kMotionShare * limits.velocity),
             a.norm() / (kMotionShare * limits.acceleration), j.norm() / (kMotionShare * limits.jerk));
     };
