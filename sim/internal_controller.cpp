@@ -28,7 +28,7 @@ InternalController::Vector7 InternalController::joint_impedance(
     const ArmModel& model, const Vector7& q, const Vector7& dq,
     const MotionGenerator::Desired& desired) {
   Matrix7 mass = model.mass();
-  mass.diagonal().array() += kRotorInertia;
+  mass.diagonal() += Eigen::Map<const Vector7>(kMotorInertia.data());
   if (joint_damping_age_++ % kRefresh == 0) {
     joint_damping_ = damping<7>(mass, K_theta.asDiagonal());
   }
@@ -54,7 +54,7 @@ InternalController::Vector7 InternalController::cartesian_impedance(
   K.bottomRightCorner<3, 3>() = R * K_x.tail<3>().asDiagonal() * R.transpose();
 
   Matrix7 mass = model.mass();
-  mass.diagonal().array() += kRotorInertia;
+  mass.diagonal() += Eigen::Map<const Vector7>(kMotorInertia.data());
   const Eigen::Matrix<double, 7, 6> M_inv_Jt = mass.llt().solve(J.transpose());
   Matrix6 mobility = J * M_inv_Jt;
   mobility.diagonal().array() += 1e-6;  // bounded next to singularities

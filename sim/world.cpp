@@ -1,290 +1,249 @@
 #include "sim/world.hpp"
 
-#include <mujoco/mujoco.h>
-
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <stdexcept>
 
 #include "sim/joint_figures.hpp"
+#include "sim/joint_friction.hpp"
+#include "sim/scene.hpp"
 
 namespace sim {
 namespace {
 
-using Eigen::Vector3d;
+constexpr double kCycle = 1e-3;  // s
 
-std::string text(double value) {
-  char buffer[32];
-  std::snprintf(buffer, sizeof buffer, "%.17g", value);
-  return buffer;
-}
-
-template <class Values>
-std::string text_of(const Values& values) {
-  std::string all;
-  for (double value : values) all += (all.empty() ? "" : " ") + text(value);
-  return all;
-}
-
-std::string quaternion(const models::Vector3& rpy) {
-  const Eigen::Quaterniond q = Eigen::AngleAxisd(rpy[2], Vector3d::UnitZ()) *
-                               Eigen::AngleAxisd(rpy[1], Vector3d::UnitY()) *
-                               Eigen::AngleAxisd(rpy[0], Vector3d::UnitX());
-  return text_of(std::array{q.w(), q.x(), q.y(), q.z()});
-}
-
-std::string inertial(const models::Link& link) {
-  return "<inertial pos='" + text_of(link.com) + "' mass='" + text(link.mass) + "' fullinertia='" +
-         text_of(link.inertia) + "'/>";
-}
-
-// Arm links are in collision group 1: they meet the scene, not each other (the robot stops itself
-// before that; self-collision is a check of the controller).
-std::string capsules(int link) {
-  std::string geoms;
-  for (const models::Capsule& capsule : models::capsules()) {
-    if (capsule.link != link) continue;
-    const Vector3d z = capsule.axis == 'x' ? Vector3d::UnitX()
-                       : capsule.axis == 'y' ? Vector3d::UnitY() : Vector3d::UnitZ();
-    geoms += "<geom class='arm' type='capsule' pos='" + text_of(capsule.centre) + "' zaxis='" +
-             text_of(z) + "' size='" + text(capsule.radius) + " " + text(capsule.length / 2) + "'/>";
-  }
-  return geoms;
-}
-
-std::string finger(const char* side, const models::Link& link, double yaw) {
-  // Pads of the finger's inner face: 2 cm wide and high, up to the tool centre.
-  return std::string("<body name='") + side + "finger' pos='0 0 " + text(models::hand::kFingerZ) +
-         "' euler='0 0 " + text(yaw) + "'><joint name='" + side +
-         "finger' type='slide' axis='0 1 0' range='0 " + text(models::hand::kMaxWidth / 2) +
-         "' limited='true' armature='0.1' damping='8'/>" + inertial(link) +
-         "<geom class='finger' pos='0 0.0105 0.0445' size='0.0105 0.0105 0.0095'/>"
-         "<geom class='finger' pos='0 0.019 0.018' size='0.0105 0.006 0.018'/></body>";
-}
-
-std::string arm_mjcf(const World::Options& options) {
-  const models::Arm& arm = *options.arm;
-  const models::Limits& limits = models::limits(arm, 10);
-  std::string xml =
-      "<body name='link0' childclass='robot'>" + inertial(arm.links[0]) + capsules(0);
-  std::string tail = "</body>";
-  for (int i = 0; i < models::kJoints; ++i) {
-    const std::string n = std::to_string(i + 1);
-    // Mechanical stops lie a little beyond the widest documented range.
-    constexpr double kBeyond = 0.03;  // rad
-    xml += "<body name='link" + n + "' pos='" + text_of(arm.joints[i].xyz) + "' quat='" +
-           quaternion(arm.joints[i].rpy) + "'>" + inertial(arm.links[i + 1]) + "<joint name='joint" + n +
-           "' axis='0 0 1' limited='true' range='" + text(limits.q_min[i] - kBeyond) + " " +
-           text(limits.q_max[i] + kBeyond) + "' armature='" + text(kRotorInertia) + "'" +
-           (options.ideal ? ""
-                          : " frictionloss='" + text(kCoulombFriction) + "' damping='" +
-                                text(kViscousFriction) + "'") +
-           "/>" + capsules(i + 1);
-    tail += "</body>";
-  }
-  xml += "<body name='flange' pos='" + text_of(arm.joints[7].xyz) + "' quat='" +
-         quaternion(arm.joints[7].rpy) + "'><site name='flange'/>";
-  if (options.hand) {
-    xml += "<body name='hand' euler='0 0 " + text(models::hand::kYaw) + "'>" +
-           inertial(models::hand::kHand) +
-           "<geom class='hand' pos='0 0 0.033' size='0.031 0.1 0.033'/>" +
-           finger("left", models::hand::kFinger, 0) + finger("right", models::hand::kFinger, M_PI) +
-           "</body>";
-  }
-  return xml + "</body>" + tail;
-}
-
-std::string world_mjcf(const World::Options& options) {
-  std::string scene = "<worldbody><geom name='floor' type='plane' size='2 2 0.1' rgba='.8 .8 .78 1'/>"
-                      "<light pos='1 -1 2.5' dir='-0.4 0.4 -1'/></worldbody>";
-  std::string folder;
-  if (!options.scene.empty()) {
-    const auto file = std::filesystem::absolute(options.scene);
-    scene = "<include file='" + file.string() + "'/>";
-    folder = file.parent_path().string();
-  }
-  return "<mujoco model='" + std::string(options.arm->name) +
-         "'>"
-         "<compiler angle='radian' autolimits='true' meshdir='" + folder + "' texturedir='" + folder +
-         "'/>"
-         "<option timestep='0.001' integrator='implicitfast' cone='elliptic' impratio='10' "
-         "iterations='20' ls_iterations='10' tolerance='1e-8'/>" + scene +
-         "<default><default class='robot'>"
-         "<default class='arm'><geom contype='2' conaffinity='1' mass='0' group='3' rgba='.9 .9 .9 1'/></default>"
-         "<default class='hand'><geom type='box' contype='2' conaffinity='1' mass='0' group='3' rgba='.9 .9 .9 1'/></default>"
-         "<default class='finger'><geom type='box' contype='4' conaffinity='1' mass='0' condim='4' "
-         "friction='1.2 0.02 0.001' solref='0.004 1' solimp='0.95 0.99 0.001' group='3' rgba='.3 .3 .3 1'/></default>"
-         "</default></default>"
-         "<worldbody>" + arm_mjcf(options) + "</worldbody></mujoco>";
-}
+// The fingers' gear (assumed): a spring and a damper between them, and friction of the drive which only damps.
+constexpr double kGearStiffness = 4e4;  // N/m
+constexpr double kGearDamping = 50;     // N s/m
+constexpr double kFingerDamping = 10;   // N s/m, also in an ideal arm
 
 }  // namespace
 
 struct World::Impl {
-  mjModel* model = nullptr;
-  mjData* data = nullptr;
+  ModelPtr model;
+  DataPtr data;
   Truth truth;
-  std::array<int, 7> q{}, v{};        // addresses of the arm's joints in qpos and qvel
-  std::array<int, 2> finger_q{}, finger_v{};
-  bool hand = true;
-  int flange = 0;                     // site
-  std::vector<int> objects;           // bodies
-  std::vector<bool> gripping;         // by body: hand or finger
-  std::array<int, 2> finger_body{};
+  bool hand;
+  int substeps;
+  std::array<int, 7> q_at, dq_at;                 // of the arm's joints in qpos and qvel
+  std::array<int, 2> finger_q_at, finger_dq_at;   // of the fingers' joints
+  int tool_body = -1;                             // where pushes act
+  std::array<double, 3> tool_p{};                 // TCP in tool_body
+  std::array<double, 9> tool_R{};                 // axes of the TCP in tool_body, row-major
+  std::vector<int> tool_part;                     // per body: 0 not the hand's, 1 hand, 2 and 3 fingers
+  std::array<JointFriction, 7> friction;
   Vector6 push{};
+  bool pushed = false;
+  std::array<double, 3> base_p;  // of O in the world
+  std::array<double, 9> base_R;
+  std::vector<int> objects;      // bodies with a free joint
 
-  ~Impl() {
-    mj_deleteData(data);
-    mj_deleteModel(model);
+  int id(mjtObj type, const std::string& name) const {
+    return mj_name2id(model.get(), type, (kArmPrefix + name).c_str());
   }
-
-  int joint(const std::string& name) const {
-    return mj_name2id(model, mjOBJ_JOINT, name.c_str());
-  }
-
-  void observe(const Vector7& tau_motor);
+  void to_base(double out[3], const double world[3]) const { mju_mulMatTVec3(out, base_R.data(), world); }
+  void tcp(double p[3], double R[9]) const;
+  void apply_forces(const Vector7& tau_motor, const std::array<double, 2>& finger_force, Vector7& friction_sum);
+  void read_contacts(double weight);
+  void read_state();
 };
 
+// Pose of the TCP in the world.
+void World::Impl::tcp(double p[3], double R[9]) const {
+  const double* body_R = data->xmat + 9 * tool_body;
+  mju_mulMatVec3(p, body_R, tool_p.data());
+  mju_addTo3(p, data->xpos + 3 * tool_body);
+  mju_mulMatMat(R, body_R, tool_R.data(), 3, 3, 3);
+}
+
 World::World(const Options& options) : impl_(std::make_unique<Impl>()) {
-  const std::string source = options.scene.empty() ? "the empty scene" : options.scene;
-  if (!options.scene.empty() && !std::ifstream(options.scene)) {
-    throw std::runtime_error("cannot read the scene " + options.scene);
-  }
-  char error[1000] = "";
-  mjSpec* spec = mj_parseXMLString(world_mjcf(options).c_str(), nullptr, error, sizeof error);
-  if (spec != nullptr) {
-    impl_->model = mj_compile(spec, nullptr);
-    if (impl_->model == nullptr) std::snprintf(error, sizeof error, "%s", mjs_getError(spec));
-    mj_deleteSpec(spec);
-  }
-  if (impl_->model == nullptr) {
-    throw std::runtime_error("the scene " + source + " is no MJCF that the arm can stand in: " + error);
-  }
-  Impl& m = *impl_;
-  m.data = mj_makeData(m.model);
-  m.hand = options.hand;
+  Impl& w = *impl_;
+  w.model = build_scene(*options.arm, options.hand, options.scene, options.timestep);
+  w.data.reset(mj_makeData(w.model.get()));
+  w.hand = options.hand;
+  w.substeps = static_cast<int>(std::lround(kCycle / options.timestep));
+  const mjModel* m = w.model.get();
+
   for (int i = 0; i < 7; ++i) {
-    const int id = m.joint("joint" + std::to_string(i + 1));
-    m.q[i] = m.model->jnt_qposadr[id];
-    m.v[i] = m.model->jnt_dofadr[id];
-    m.data->qpos[m.q[i]] = options.q[i];
-  }
-  m.gripping.assign(m.model->nbody, false);
-  if (m.hand) {
-    const std::array<std::string, 2> names = {"leftfinger", "rightfinger"};
-    for (int i = 0; i < 2; ++i) {
-      const int id = m.joint(names[i]);
-      m.finger_q[i] = m.model->jnt_qposadr[id];
-      m.finger_v[i] = m.model->jnt_dofadr[id];
-      m.finger_body[i] = m.model->jnt_bodyid[id];
-      m.gripping[m.finger_body[i]] = true;
+    const int joint = w.id(mjOBJ_JOINT, "joint" + std::to_string(i + 1));
+    w.q_at[i] = m->jnt_qposadr[joint];
+    w.dq_at[i] = m->jnt_dofadr[joint];
+    w.data->qpos[w.q_at[i]] = options.q[i];
+    if (!options.ideal) {
+      w.friction[i].coulomb = kCoulombFriction[i];
+      w.friction[i].viscous = kViscousFriction;
     }
-    m.gripping[mj_name2id(m.model, mjOBJ_BODY, "hand")] = true;
   }
-  m.flange = mj_name2id(m.model, mjOBJ_SITE, "flange");
-  for (int id = 0; id < m.model->njnt; ++id) {
-    if (m.model->jnt_type[id] == mjJNT_FREE) m.objects.push_back(m.model->jnt_bodyid[id]);
+
+  w.tool_part.assign(m->nbody, 0);
+  w.tool_R = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  if (options.hand) {
+    w.tool_body = w.id(mjOBJ_BODY, "hand");
+    w.tool_part[w.tool_body] = 1;
+    w.tool_p = {0, 0, models::hand::kTcp};
+    for (int i = 0; i < 2; ++i) {
+      const std::string name = "finger" + std::to_string(i + 1);
+      const int joint = w.id(mjOBJ_JOINT, name);
+      w.finger_q_at[i] = m->jnt_qposadr[joint];
+      w.finger_dq_at[i] = m->jnt_dofadr[joint];
+      w.data->qpos[w.finger_q_at[i]] = models::hand::kMaxWidth / 2;
+      w.tool_part[w.id(mjOBJ_BODY, name)] = 2 + i;
+    }
+  } else {
+    w.tool_body = w.id(mjOBJ_BODY, "link7");
+    w.tool_p = options.arm->joints[7].xyz;
   }
-  mj_step1(m.model, m.data);
-  m.observe({});
+
+  const int base = w.id(mjOBJ_BODY, "link0");
+  for (int body = 1; body < m->nbody; ++body) {
+    const int joint = m->body_jntadr[body];
+    if (joint < 0 || m->jnt_type[joint] != mjJNT_FREE) continue;
+    if (*mj_id2name(m, mjOBJ_BODY, body) == '\0') {
+      throw std::runtime_error("scene " + options.scene + ": a free body has no name; expected <body name=\"...\">");
+    }
+    w.objects.push_back(body);
+  }
+
+  mj_step1(m, w.data.get());
+  mju_copy3(w.base_p.data(), w.data->xpos + 3 * base);
+  mju_copy(w.base_R.data(), w.data->xmat + 9 * base, 9);
+  w.read_state();
 }
 
 World::~World() = default;
 
-void World::step(const Vector7& tau_motor, const std::array<double, 2>& finger_force) {
-  Impl& m = *impl_;
-  for (int i = 0; i < 7; ++i) m.data->qfrc_applied[m.v[i]] = tau_motor[i];
-  if (m.hand) {
-    for (int i = 0; i < 2; ++i) m.data->qfrc_applied[m.finger_v[i]] = finger_force[i];
-  }
-  if (std::any_of(m.push.begin(), m.push.end(), [](double x) { return x != 0; })) {
-    const auto& T = m.truth.O_T_TCP;
-    const mjtNum point[3] = {T[12], T[13], T[14]};
-    const int body = m.model->site_bodyid[m.flange];
-    mj_applyFT(m.model, m.data, m.push.data(), m.push.data() + 3, point, body, m.data->qfrc_applied);
-  }
-  mj_step2(m.model, m.data);
-  mj_step1(m.model, m.data);
-  m.observe(tau_motor);
-}
-
-void World::push(const Vector6& wrench) { impl_->push = wrench; }
-
-void World::Impl::observe(const Vector7& tau_motor) {
-  const mjData& d = *data;
-  truth.time = d.time;
-  truth.tau_motor = tau_motor;
-  Vector7 friction{};
-  for (int row = 0; row < d.nefc; ++row) {
-    if (d.efc_type[row] != mjCNSTR_FRICTION_DOF) continue;
-    for (int i = 0; i < 7; ++i) {
-      if (d.efc_id[row] == v[i]) friction[i] = d.efc_force[row];
-    }
+void World::Impl::apply_forces(const Vector7& tau_motor, const std::array<double, 2>& finger_force,
+                               Vector7& friction_sum) {
+  double* force = data->qfrc_applied;
+  const double* dq = data->qvel;
+  const double dt = model->opt.timestep;
+  if (pushed) {
+    mju_zero(force, model->nv);
+    double p[3], R[9], f[3], n[3];
+    tcp(p, R);
+    mju_mulMatVec3(f, base_R.data(), push.data());
+    mju_mulMatVec3(n, base_R.data(), push.data() + 3);
+    mj_applyFT(model.get(), data.get(), f, n, p, tool_body, force);
+  } else {
+    for (int at : dq_at) force[at] = 0;
   }
   for (int i = 0; i < 7; ++i) {
-    truth.q[i] = d.qpos[q[i]];
-    truth.dq[i] = d.qvel[v[i]];
-    truth.ddq[i] = d.qacc[v[i]];
-    truth.tau_J[i] = tau_motor[i] + friction[i] + d.qfrc_passive[v[i]] - kRotorInertia * d.qacc[v[i]];
+    const double tau_f = friction[i].step(dq[dq_at[i]], dt);
+    force[dq_at[i]] += tau_motor[i] - tau_f;
+    friction_sum[i] += tau_f;
   }
-  const mjtNum* R = d.site_xmat + 9 * flange;
-  const mjtNum* p = d.site_xpos + 3 * flange;
-  const double c = std::cos(models::hand::kYaw), s = std::sin(models::hand::kYaw);
-  for (int row = 0; row < 3; ++row) {
-    truth.O_T_TCP[row] = c * R[3 * row] + s * R[3 * row + 1];
-    truth.O_T_TCP[4 + row] = c * R[3 * row + 1] - s * R[3 * row];
-    truth.O_T_TCP[8 + row] = R[3 * row + 2];
-    truth.O_T_TCP[12 + row] = p[row] + models::hand::kTcp * R[3 * row + 2];
+  if (!hand) return;
+  const double gear = kGearStiffness * (data->qpos[finger_q_at[1]] - data->qpos[finger_q_at[0]]) +
+                      kGearDamping * (dq[finger_dq_at[1]] - dq[finger_dq_at[0]]);
+  for (int i = 0; i < 2; ++i) {
+    const int at = finger_dq_at[i];
+    force[at] = finger_force[i] - kFingerDamping * dq[at] + (i == 0 ? gear : -gear);
+  }
+}
+
+// Adds what the contacts of the last step did to hand and fingers.
+void World::Impl::read_contacts(double weight) {
+  if (data->ncon == 0 || !hand) return;
+  double p[3], R[9];
+  tcp(p, R);
+  for (int i = 0; i < data->ncon; ++i) {
+    const mjContact& contact = data->contact[i];
+    if (contact.efc_address < 0 || contact.geom[0] < 0 || contact.geom[1] < 0) continue;
+    const int part0 = tool_part[model->geom_bodyid[contact.geom[0]]];
+    const int part1 = tool_part[model->geom_bodyid[contact.geom[1]]];
+    if ((part0 == 0) == (part1 == 0)) continue;
+
+    double wrench[6], f[3], n[3], arm[3], moment[3], out[3];
+    mj_contactForce(model.get(), data.get(), i, wrench);  // on the second geom, axes of the contact
+    mju_mulMatTVec3(f, contact.frame, wrench);
+    mju_mulMatTVec3(n, contact.frame, wrench + 3);
+    const double sign = part1 ? weight : -weight;
+    mju_scl3(f, f, sign);
+    mju_sub3(arm, contact.pos, p);
+    mju_cross(moment, arm, f);
+    mju_addToScl3(moment, n, sign);
+    to_base(out, f);
+    for (int k = 0; k < 3; ++k) truth.contact_wrench[k] += out[k];
+    to_base(out, moment);
+    for (int k = 0; k < 3; ++k) truth.contact_wrench[3 + k] += out[k];
+
+    const int part = std::max(part0, part1);
+    if (part >= 2) {
+      // The first finger opens along the hand's y, the second against it.
+      const double along_y = f[0] * R[1] + f[1] * R[4] + f[2] * R[7];
+      truth.finger_force[part - 2] += part == 2 ? along_y : -along_y;
+    }
+  }
+}
+
+void World::Impl::read_state() {
+  for (int i = 0; i < 7; ++i) {
+    truth.q[i] = data->qpos[q_at[i]];
+    truth.dq[i] = data->qvel[dq_at[i]];
+  }
+  if (hand) {
+    for (int i = 0; i < 2; ++i) truth.finger[i] = data->qpos[finger_q_at[i]];
+  }
+  double p[3], R[9], O_p[3], O_R[9];
+  tcp(p, R);
+  mju_subFrom3(p, base_p.data());
+  to_base(O_p, p);
+  mju_mulMatTMat(O_R, base_R.data(), R, 3, 3, 3);
+  for (int column = 0; column < 3; ++column) {
+    for (int row = 0; row < 3; ++row) truth.O_T_TCP[4 * column + row] = O_R[3 * row + column];
+    truth.O_T_TCP[12 + column] = O_p[column];
   }
   truth.O_T_TCP[15] = 1;
+}
 
-  truth.contact_wrench = {};
-  truth.finger_force = {};
-  const Vector3d tcp(truth.O_T_TCP[12], truth.O_T_TCP[13], truth.O_T_TCP[14]);
-  for (int i = 0; i < d.ncon; ++i) {
-    const mjContact& contact = d.contact[i];
-    const int body1 = model->geom_bodyid[contact.geom[0]];
-    const int body2 = model->geom_bodyid[contact.geom[1]];
-    if (gripping[body1] == gripping[body2]) continue;
-    mjtNum local[6];
-    mj_contactForce(model, data, i, local);
-    // The contact's frame has its axes in rows; its force acts on the second geom.
-    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> frame(contact.frame);
-    const double sign = gripping[body2] ? 1 : -1;
-    const Vector3d force = sign * (frame.transpose() * Eigen::Map<const Vector3d>(local));
-    const Vector3d moment = sign * (frame.transpose() * Eigen::Map<const Vector3d>(local + 3)) +
-                            (Eigen::Map<const Vector3d>(contact.pos) - tcp).cross(force);
-    for (int k = 0; k < 3; ++k) {
-      truth.contact_wrench[k] += force[k];
-      truth.contact_wrench[3 + k] += moment[k];
-    }
-    const int body = gripping[body2] ? body2 : body1;
-    for (int k = 0; hand && k < 2; ++k) {
-      if (body == finger_body[k]) truth.finger_force[k] += std::abs(local[0]);
-    }
+void World::step(const Vector7& tau_motor, const std::array<double, 2>& finger_force) {
+  Impl& w = *impl_;
+  const mjModel* m = w.model.get();
+  mjData* d = w.data.get();
+  const Vector7 dq_before = w.truth.dq;
+  Vector7 friction{};
+  w.truth.contact_wrench = {};
+  w.truth.finger_force = {};
+  for (int i = 0; i < w.substeps; ++i) {
+    w.apply_forces(tau_motor, finger_force, friction);
+    mj_step2(m, d);
+    w.read_contacts(1.0 / w.substeps);
+    mj_step1(m, d);  // so that poses belong to the new positions
   }
-  for (int i = 0; hand && i < 2; ++i) truth.finger[i] = d.qpos[finger_q[i]];
+  w.read_state();
+  w.truth.time = d->time;
+  w.truth.tau_motor = tau_motor;
+  for (int i = 0; i < 7; ++i) {
+    w.truth.ddq[i] = (w.truth.dq[i] - dq_before[i]) / kCycle;
+    w.truth.tau_J[i] = tau_motor[i] - friction[i] / w.substeps - kMotorInertia[i] * w.truth.ddq[i];
+  }
+}
+
+void World::push(const Vector6& wrench) {
+  impl_->push = wrench;
+  impl_->pushed = wrench != Vector6{};
+  if (!impl_->pushed) mju_zero(impl_->data->qfrc_applied, impl_->model->nv);
 }
 
 const Truth& World::truth() const { return impl_->truth; }
 
 std::vector<std::string> World::objects() const {
   std::vector<std::string> names;
-  for (int body : impl_->objects) {
-    const char* name = mj_id2name(impl_->model, mjOBJ_BODY, body);
-    names.push_back(name != nullptr ? name : "body" + std::to_string(body));
-  }
+  for (int body : impl_->objects) names.emplace_back(mj_id2name(impl_->model.get(), mjOBJ_BODY, body));
   return names;
 }
 
 std::array<double, 7> World::object_pose(std::size_t index) const {
-  const int body = impl_->objects.at(index);
+  const Impl& w = *impl_;
+  const int body = w.objects.at(index);
+  double world[3], base_quat[4], inverse[4];
   std::array<double, 7> pose;
-  std::copy_n(impl_->data->qpos + impl_->model->jnt_qposadr[impl_->model->body_jntadr[body]], 7,
-              pose.begin());
+  mju_sub3(world, w.data->xpos + 3 * body, w.base_p.data());
+  w.to_base(pose.data(), world);
+  mju_mat2Quat(base_quat, w.base_R.data());
+  mju_negQuat(inverse, base_quat);
+  mju_mulQuat(pose.data() + 3, inverse, w.data->xquat + 4 * body);
   return pose;
 }
 

@@ -1,0 +1,234 @@
+#include "sim/scene.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <stdexcept>
+
+#include "sim/joint_figures.hpp"
+#include "wire/fci/layout.hpp"
+
+namespace sim {
+namespace {
+
+struct DeleteSpec {
+  void operator()(mjSpec* spec) const { mj_deleteSpec(spec); }
+};
+using SpecPtr = std::unique_ptr<mjSpec, DeleteSpec>;
+
+constexpr const char* kFloorOnly = R"(
+<mujoco model="floor">
+  <worldbody>
+    <light pos="0.5 -1 3" dir="-0.1 0.3 -1" type="directional"/>
+    <geom name="floor" type="plane" size="3 3 0.1" rgba="0.86 0.87 0.89 1"/>
+    <site name="arm"/>
+  </worldbody>
+</mujoco>)";
+
+// The arm touches its surroundings and not itself: parts of it that cross are the business of the robot's self-collision
+// avoidance, and neighbouring capsules overlap by design.
+constexpr int kArmContype = 1, kArmConaffinity = 0;
+constexpr int kCollisionGroup = 3, kVisualGroup = 2;
+
+// Contacts of the arm are stiff: a time constant of four cycles is some 10^5 N/m at the hand. Rubber on the fingertips;
+// condim 4 adds friction against turning about the normal, since a flat pad is more than points.
+constexpr std::array<double, mjNREF> kSolref = {0.004, 1};
+constexpr std::array<double, mjNIMP> kSolimp = {0.95, 0.99, 0.001, 0.5, 2};
+constexpr std::array<double, 3> kMetalFriction = {0.4, 0.005, 0.0001};
+constexpr std::array<double, 3> kRubberFriction = {1.0, 0.01, 0.0001};
+
+// Mechanical stops this far beyond the widest range that may be commanded (assumed: Franka gives none).
+constexpr double kStopMargin = 0.05;  // rad
+
+// The drive of a finger as seen at it (assumed): much more than the finger's own 0.03 kg.
+constexpr double kFingerArmature = 0.2;  // kg
+
+template <std::size_t n, class T>
+void set(T (&to)[n], const std::array<double, n>& from) {
+  std::copy(from.begin(), from.end(), to);
+}
+
+void set_inertia(mjsBody* body, const models::Link& link) {
+  body->explicitinertial = 1;
+  body->mass = link.mass;
+  set(body->ipos, link.com);
+  set(body->fullinertia, link.inertia);
+}
+
+// Rotation of fixed-axis roll, pitch, yaw.
+void set_rotation(double (&quat)[4], const models::Vector3& rpy) {
+  mju_euler2Quat(quat, rpy.data(), "XYZ");
+}
+
+mjsGeom* add_geom(mjsBody* body, mjtGeom type, const models::Vector3& pos, const models::Vector3& size,
+                  const std::array<double, 3>& friction) {
+  mjsGeom* geom = mjs_addGeom(body, nullptr);
+  geom->type = type;
+  set(geom->pos, pos);
+  set(geom->size, size);
+  geom->contype = kArmContype;
+  geom->conaffinity = kArmConaffinity;
+  geom->priority = 1;  // before the default of scenes; a scene's soft surface takes 2
+  geom->condim = 4;
+  set(geom->friction, friction);
+  set(geom->solref, kSolref);
+  set(geom->solimp, kSolimp);
+  geom->mass = 0;
+  geom->group = kCollisionGroup;
+  constexpr std::array<float, 4> kWhite = {0.93f, 0.94f, 0.95f, 1};
+  std::copy(kWhite.begin(), kWhite.end(), geom->rgba);
+  return geom;
+}
+
+void add_capsule(mjsBody* body, const models::Capsule& capsule) {
+  mjsGeom* geom =
+      add_geom(body, mjGEOM_CAPSULE, capsule.centre, {capsule.radius, capsule.length / 2, 0}, kMetalFriction);
+  constexpr double kHalfPi = 1.57079632679489662;
+  if (capsule.axis == 'x') set_rotation(geom->quat, {0, kHalfPi, 0});
+  if (capsule.axis == 'y') set_rotation(geom->quat, {kHalfPi, 0, 0});
+}
+
+mjsBody* add_body(mjsBody* parent, const std::string& name) {
+  mjsBody* body = mjs_addBody(parent, nullptr);
+  mjs_setName(body->element, name.c_str());
+  return body;
+}
+
+mjsJoint* add_joint(mjsBody* body, mjtJoint type, const std::string& name, const models::Vector3& axis, double lower,
+                    double upper, double armature) {
+  mjsJoint* joint = mjs_addJoint(body, nullptr);
+  mjs_setName(joint->element, name.c_str());
+  joint->type = type;
+  set(joint->axis, axis);
+  joint->limited = mjLIMITED_TRUE;
+  joint->range[0] = lower;
+  joint->range[1] = upper;
+  set(joint->solref_limit, kSolref);
+  joint->armature = armature;
+  return joint;
+}
+
+// Dimensions of hand and fingers from Franka's drawings, rounded; in the hand's and the finger's frame.
+void add_hand(mjsBody* flange, models::Vector3 flange_xyz) {
+  mjsBody* hand = add_body(flange, "hand");
+  set(hand->pos, flange_xyz);
+  set_rotation(hand->quat, {0, 0, models::hand::kYaw});
+  set_inertia(hand, models::hand::kHand);
+  add_geom(hand, mjGEOM_BOX, {0, 0, 0.033}, {0.0316, 0.102, 0.033}, kMetalFriction);
+
+  mjsSite* tcp = mjs_addSite(hand, nullptr);
+  mjs_setName(tcp->element, "tcp");
+  tcp->pos[2] = models::hand::kTcp;
+  tcp->group = kCollisionGroup;
+
+  for (int i = 1; i <= 2; ++i) {
+    const std::string name = "finger" + std::to_string(i);
+    mjsBody* finger = add_body(hand, name);
+    finger->pos[2] = models::hand::kFingerZ;
+    if (i == 2) set_rotation(finger->quat, {0, 0, 3.14159265358979324});
+    set_inertia(finger, models::hand::kFinger);
+    add_joint(finger, mjJNT_SLIDE, name, {0, 1, 0}, 0, models::hand::kMaxWidth / 2, kFingerArmature);
+    add_geom(finger, mjGEOM_BOX, {0, 0.014, 0.018}, {0.0105, 0.008, 0.018}, kMetalFriction);
+    add_geom(finger, mjGEOM_BOX, {0, 0.004, 0.045}, {0.010, 0.004, 0.009}, kRubberFriction);
+    // Just beyond the pad's end: what the finger presses on is met in one point, not in the four corners of a box.
+    add_geom(finger, mjGEOM_SPHERE, {0, 0.004, 0.0505}, {0.004, 0, 0}, kRubberFriction);
+  }
+}
+
+SpecPtr arm_spec(const models::Arm& arm, bool with_hand) {
+  SpecPtr spec(mj_makeSpec());
+  spec->compiler.degree = 0;
+  spec->compiler.balanceinertia = 1;  // see restore_inertia()
+  mjsBody* body = add_body(mjs_findBody(spec.get(), "world"), "link0");
+  set_inertia(body, arm.links[0]);
+  const models::Limits& limits = models::limits(arm, fci::kNewestVersion);
+  for (int i = 0; i <= 7; ++i) {
+    if (i > 0) {
+      body = add_body(body, "link" + std::to_string(i));
+      set(body->pos, arm.joints[i - 1].xyz);
+      set_rotation(body->quat, arm.joints[i - 1].rpy);
+      set_inertia(body, arm.links[i]);
+      add_joint(body, mjJNT_HINGE, "joint" + std::to_string(i), {0, 0, 1}, limits.q_min[i - 1] - kStopMargin,
+                limits.q_max[i - 1] + kStopMargin, kMotorInertia[i - 1]);
+    }
+    for (const models::Capsule& capsule : models::capsules()) {
+      if (capsule.link == i) add_capsule(body, capsule);
+    }
+  }
+  if (with_hand) add_hand(body, arm.joints[7].xyz);
+  return spec;
+}
+
+SpecPtr read_scene(const std::string& file) {
+  char error[1000] = "";
+  if (file.empty()) return SpecPtr(mj_parseXMLString(kFloorOnly, nullptr, error, sizeof error));
+  if (!std::filesystem::is_regular_file(file)) {
+    throw std::runtime_error("scene " + file + ": no such file; expected an MJCF file");
+  }
+  SpecPtr spec(mj_parseXML(file.c_str(), nullptr, error, sizeof error));
+  if (!spec) throw std::runtime_error("scene " + file + " is not MJCF that MuJoCo reads: " + error);
+  return spec;
+}
+
+// Semi-implicit Euler: nothing of ours has stiff damping of MuJoCo's kind, and it costs least. Elliptic cones with
+// impratio let a grasped thing creep so little that it stays. No reset to the start when the physics breaks down.
+void set_physics(mjOption& option, double timestep) {
+  mj_defaultOption(&option);
+  option.timestep = timestep;
+  option.integrator = mjINT_EULER;
+  option.cone = mjCONE_ELLIPTIC;
+  option.impratio = 10;
+  option.iterations = 20;
+  option.ls_iterations = 20;
+  option.disableflags = mjDSBL_AUTORESET;
+}
+
+// The compiler refuses, or changes, an inertia whose principal moments no distribution of mass has (A + B < C), as that of
+// FER's identified link4. Puts the figures back: the arm is to move as its own model says.
+void restore_inertia(mjModel* model, const models::Arm& arm) {
+  for (int i = 0; i <= 7; ++i) {
+    const int body = mj_name2id(model, mjOBJ_BODY, (kArmPrefix + ("link" + std::to_string(i))).c_str());
+    const auto& I = arm.links[i].inertia;
+    const double full[9] = {I[0], I[3], I[4], I[3], I[1], I[5], I[4], I[5], I[2]};
+    double axes[9];
+    mju_eig3(model->body_inertia + 3 * body, axes, model->body_iquat + 4 * body, full);
+  }
+  DataPtr data(mj_makeData(model));
+  mj_setConst(model, data.get());
+}
+
+}  // namespace
+
+ModelPtr build_scene(const models::Arm& arm, bool hand, const std::string& scene, double timestep) {
+  SpecPtr spec = read_scene(scene);
+  const std::string title = scene.empty() ? "floor" : "scene " + scene;
+
+  mjsBody* world = mjs_findBody(spec.get(), "world");
+  mjsElement* place = mjs_findElement(spec.get(), mjOBJ_SITE, kArmSite);
+  if (!place || mjs_getParent(place) != world) {
+    throw std::runtime_error(title + " has no place for the arm: expected <site name=\"" + kArmSite +
+                             "\" pos=\"x y z\"/> in its worldbody, where the base is to stand");
+  }
+  SpecPtr child = arm_spec(arm, hand);
+  if (!mjs_attach(place, mjs_findBody(child.get(), "link0")->element, kArmPrefix, "")) {
+    throw std::runtime_error(title + ": the arm could not be placed in it: " + mjs_getError(spec.get()));
+  }
+  set_physics(spec->option, timestep);
+
+  ModelPtr model(mj_compile(spec.get(), nullptr));
+  if (!model) throw std::runtime_error(title + " does not compile with the arm in it: " + mjs_getError(spec.get()));
+
+  restore_inertia(model.get(), arm);
+
+  // Gravity compensation and the estimates of the state take the base for upright.
+  const int site = mj_name2id(model.get(), mjOBJ_SITE, kArmSite);
+  double R[9];
+  mju_quat2Mat(R, model->site_quat + 4 * site);
+  if (R[8] < 1 - 1e-9) {
+    throw std::runtime_error(title + ": the site \"" + kArmSite + "\" is tilted; its z axis must point up");
+  }
+  return model;
+}
+
+}  // namespace sim
