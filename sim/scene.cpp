@@ -81,12 +81,13 @@ mjsGeom* add_geom(mjsBody* body, mjtGeom type, const models::Vector3& pos, const
   return geom;
 }
 
-void add_capsule(mjsBody* body, const models::Capsule& capsule) {
+mjsGeom* add_capsule(mjsBody* body, const models::Capsule& capsule) {
   mjsGeom* geom =
       add_geom(body, mjGEOM_CAPSULE, capsule.centre, {capsule.radius, capsule.length / 2, 0}, kMetalFriction);
   constexpr double kHalfPi = 1.57079632679489662;
   if (capsule.axis == 'x') set_rotation(geom->quat, {0, kHalfPi, 0});
   if (capsule.axis == 'y') set_rotation(geom->quat, {kHalfPi, 0, 0});
+  return geom;
 }
 
 mjsBody* add_body(mjsBody* parent, const std::string& name) {
@@ -153,7 +154,9 @@ SpecPtr arm_spec(const models::Arm& arm, bool with_hand) {
                 limits.q_max[i - 1] + kStopMargin, kMotorInertia[i - 1]);
     }
     for (const models::Capsule& capsule : models::capsules()) {
-      if (capsule.link == i) add_capsule(body, capsule);
+      if (capsule.link != i) continue;
+      mjsGeom* geom = add_capsule(body, capsule);
+      if (i <= 1) geom->contype = 0;  // the base and the column that turns in place reach into what they stand on
     }
   }
   if (with_hand) add_hand(body, arm.joints[7].xyz);
