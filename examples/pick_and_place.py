@@ -4,8 +4,8 @@ import numpy as np
 
 from frankapy import FrankaArm, RigidTransform
 
-BLOCK = np.array([0.5, -0.15, 0.025])  # m, its middle, in the base of the arm
-GOAL = np.array([0.5, 0.15, 0.025])
+BLOCK = np.array([0.5, -0.15, 0.02])  # m, its middle, in the base of the arm
+GOAL = np.array([0.5, 0.15, 0.02])
 ABOVE = np.array([0, 0, 0.15])
 
 

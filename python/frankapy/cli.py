@@ -107,7 +107,7 @@ def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]
     rows.append(("mode", f"{mode}; the server is {_PHASES.get(state.phase, str(state.phase))}"))
     if state.skill_id:
         rows.append(("skill", f"{state.skill_description or 'without a name'}, since {state.skill_time:.1f} s"))
-    rows.append(("joints", "  ".join(f"{q:7.3f}" for q in robot.q) + "  rad"))
+    rows.append(("joints", "  ".join(f"{round(q, 3) + 0.0:7.3f}" for q in robot.q) + "  rad"))
     limits = welcome.limits
     if len(limits.q_min) == 7:
         share = (np.array(robot.q) - limits.q_min) / (np.array(limits.q_max) - np.array(limits.q_min))

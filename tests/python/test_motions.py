@@ -133,7 +133,6 @@ def test_softer_springs_leave_more_of_the_friction(default_arm):
 def test_reset_pose_and_reset_joints_lead_home(fa):
     fa.goto_joints(GOAL, 1)
     fa.reset_pose(2)
-    assert errors(fa.get_pose(), moved(fa.get_pose()))[0] == 0
     np.testing.assert_allclose(fa.get_pose().translation, [0.3069, 0, 0.4867], atol=0.002)
     fa.reset_joints(1)
     np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.001)

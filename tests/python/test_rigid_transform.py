@@ -110,7 +110,7 @@ def test_interpolation_goes_straight_and_evenly_the_short_way():
 
 def test_many_products_stay_rotations():
     pose, step = random_transform("a", "a"), random_transform("a", "a")
-    for _ in range(10_000):
+    for _ in range(2000):
         pose = pose * step
     np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)
 

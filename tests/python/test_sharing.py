@@ -33,7 +33,7 @@ def wait_until(condition, timeout=10.0):
 
 
 def test_a_call_that_does_not_wait_returns_at_once_and_can_be_polled(fa):
-    fa.goto_joints(GOAL, 20, block=False)
+    fa.goto_joints(GOAL, 5, block=False)
     assert not fa.is_skill_done()
     wait_until(fa.is_skill_done, 60)
     np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.001)
@@ -41,7 +41,7 @@ def test_a_call_that_does_not_wait_returns_at_once_and_can_be_polled(fa):
 
 def test_stop_brings_the_arm_to_rest_on_its_way(fa, ideal_arm):
     start = fa.get_arm_state().robot.message_id
-    fa.goto_joints(GOAL, LONG, block=False)
+    fa.goto_joints(GOAL, 60, block=False)
     wait_until(lambda: np.abs(fa.get_joints() - HOME).max() > 0.001)
     fa.stop_skill()
     assert fa.is_skill_done()
@@ -132,7 +132,7 @@ def test_garbage_on_its_ports_disturbs_nobody(ideal_arm):
     noise = random.Random(7)
     with ideal_arm.client() as fa:
         fa.goto_joints(HOME, 1)
-        fa.goto_joints(GOAL, 30, block=False)
+        fa.goto_joints(GOAL, 5, block=False)
         for address in endpoints(ideal_arm):
             for size in (0, 1, 11, 64, 100_000):
                 with socket.create_connection(address) as stranger:
