@@ -1,22 +1,26 @@
 #pragma once
 
+#include <cmath>
+
 namespace sim {
 
-// Friction that sticks, creeps by less than a tenth of a millirad, and slides (Canudas de Wit, Olsson, Åström,
-// Lischinsky, A new model for control of systems with friction, IEEE Trans. Automatic Control 40(3), 1995, without the
-// Stribeck effect): a bristle of stiffness sigma_0 bends by z until it carries the Coulomb torque.
-//   dz/dt = dq - sigma_0 |dq| z / coulomb,  tau = sigma_0 z + sigma_1 dz/dt + viscous dq
+// Friction that holds a joint at rest, and rises with speed to a bound:
+//   tau = sigma_0 z + sigma_1 dz/dt + rising tanh(rise dq / 2),  dz/dt = dq - sigma_0 |dq| z / sticking
+// A bristle of stiffness sigma_0 bends by z, less than a tenth of a millirad, until it carries `sticking` (Canudas de Wit,
+// Olsson, Åström, Lischinsky, A new model for control of systems with friction, IEEE Trans. Automatic Control 40(3),
+// 1995, without Stribeck effect). By default none.
 class JointFriction {
  public:
-  double coulomb = 0;  // N m
-  double viscous = 0;  // N m s/rad
+  double sticking = 0;  // N m
+  double rising = 0;    // N m, beyond sticking at high speed
+  double rise = 0;      // s/rad
 
-  // Torque against the motion dq (rad/s) over the next dt (s). Implicit in z, so that it never exceeds what it may.
+  // Torque against the motion dq (rad/s) over the next dt (s). Implicit in z, so that the bristle never exceeds its bound.
   double step(double dq, double dt) {
-    if (coulomb == 0) return viscous * dq;
+    if (sticking == 0) return 0;
     const double before = z_;
-    z_ = (z_ + dt * dq) / (1 + dt * (dq < 0 ? -dq : dq) * kSigma0 / coulomb);
-    return kSigma0 * z_ + kSigma1 * (z_ - before) / dt + viscous * dq;
+    z_ = (z_ + dt * dq) / (1 + dt * std::abs(dq) * kSigma0 / sticking);
+    return kSigma0 * z_ + kSigma1 * (z_ - before) / dt + rising * std::tanh(rise * dq / 2);
   }
 
  private:

@@ -18,7 +18,8 @@ double elbow_sign(double q4) { return q4 > models::kElbowFlip ? 1 : -1; }
 
 }  // namespace
 
-MotionGenerator::MotionGenerator(const models::Arm& arm) : model_(arm) {
+MotionGenerator::MotionGenerator(const models::Arm& arm)
+    : model_(arm), dq_max_(models::limits(arm, fci::kNewestVersion).dq_max.data()) {
   start(Mode::kIdle, Vector7::Zero(), Eigen::Matrix4d::Identity());
 }
 
@@ -28,10 +29,11 @@ void MotionGenerator::start(Mode mode, const Vector7& q, const Eigen::Matrix4d& 
   desired_.q = q;
   desired_.dq.setZero();
   desired_.ddq.setZero();
-  model_.update(q, Vector7::Zero());
+  model_.update_kinematics(q);
   desired_.O_T_EE_c = model_.O_T_F() * F_T_EE_;
   desired_.O_dP_EE_c.setZero();
   desired_.O_ddP_EE_c.setZero();
+  q3_ = q[2];
   desired_.elbow_c = {q[2], elbow_sign(q[3])};
   desired_.delbow_c = {0, 0};
   desired_.ddelbow_c = {0, 0};
@@ -47,14 +49,13 @@ void MotionGenerator::step(const fci::RobotCommand& command) {
     case Mode::kJointVelocity:
       move_joints(desired_.q + kDt * Eigen::Map<const Vector7>(command.dq_c.data()));
       break;
-    case Mode::kCartesianPosition: {
-      const Eigen::Matrix4d pose = Eigen::Map<const Eigen::Matrix4d>(command.O_T_EE_c.data());
-      move_pose(pose, command.valid_elbow ? command.elbow_c[0] : desired_.elbow_c[0]);
+    case Mode::kCartesianPosition:
+      if (command.valid_elbow) q3_ = command.elbow_c[0];
+      move_pose(Eigen::Map<const Eigen::Matrix4d>(command.O_T_EE_c.data()));
       break;
-    }
     case Mode::kCartesianVelocity:
-      move_pose(moved(Eigen::Map<const Vector6>(command.O_dP_EE_c.data())),
-                command.valid_elbow ? command.elbow_c[0] : desired_.elbow_c[0]);
+      if (command.valid_elbow) q3_ = command.elbow_c[0];
+      move_pose(moved(Eigen::Map<const Vector6>(command.O_dP_EE_c.data())));
       break;
     default: break;
   }
@@ -62,8 +63,8 @@ void MotionGenerator::step(const fci::RobotCommand& command) {
 
 void MotionGenerator::extrapolate() {
   if (cartesian()) {
-    const double rate = desired_.delbow_c[0] + kDt * desired_.ddelbow_c[0];
-    move_pose(moved(desired_.O_dP_EE_c + kDt * desired_.O_ddP_EE_c), desired_.elbow_c[0] + kDt * rate);
+    q3_ += kDt * (desired_.delbow_c[0] + kDt * desired_.ddelbow_c[0]);
+    move_pose(moved(desired_.O_dP_EE_c + kDt * desired_.O_ddP_EE_c));
   } else if (mode_ == Mode::kJointPosition || mode_ == Mode::kJointVelocity) {
     move_joints(desired_.q + kDt * (desired_.dq + kDt * desired_.ddq));
   }
@@ -78,13 +79,13 @@ Eigen::Matrix4d MotionGenerator::moved(const Vector6& velocity) const {
 
 void MotionGenerator::move_joints(const Vector7& q) {
   differentiate(q);
-  model_.update(q, Vector7::Zero());
+  model_.update_kinematics(q);
   set_pose(model_.O_T_F() * F_T_EE_);
   set_elbow(q);
 }
 
-void MotionGenerator::move_pose(const Eigen::Matrix4d& pose, double q3) {
-  const Vector7 q = inverse(pose, q3);
+void MotionGenerator::move_pose(const Eigen::Matrix4d& pose) {
+  const Vector7 q = inverse(pose);
   differentiate(q);
   set_pose(pose);
   set_elbow(q);
@@ -115,30 +116,44 @@ void MotionGenerator::set_elbow(const Vector7& q) {
   desired_.elbow_c = {q[2], elbow_sign(q[3])};
 }
 
-// Newton's method on pose and q3 together, a square system. Damped where it is near singular, so that
-// the joints stay bounded and the pose is missed instead.
-Vector7 MotionGenerator::inverse(const Eigen::Matrix4d& pose, double q3) {
-  constexpr int kIterations = 6;
-  constexpr double kConverged = 1e-10;
-  constexpr double kDamping = 1e-9;
-  Vector7 q = desired_.q;
+// Newton's method on pose and q3 together, a square system, from where the joints will be if they go on as they do. Next
+// to singularities it is damped (Nakamura, Hanafusa, Inverse kinematic solutions with singularity robustness for robot
+// manipulator control, J. Dynamic Systems, Measurement, and Control 108(3), 1986): the pose is missed, the joints stay
+// calm. Whatever is asked for, a cycle moves no joint farther than kFastest times its fastest speed allows.
+Vector7 MotionGenerator::inverse(const Eigen::Matrix4d& pose) {
+  constexpr int kIterations = 4;
+  constexpr double kConverged = 1e-12;    // m and rad
+  constexpr double kSingular = 5e-4;      // |determinant| below which damping begins; 0.037 at home
+  constexpr double kDamping = 0.02;       // m and rad, at the singularity
+  constexpr double kFastest = 2;
   const Eigen::Vector3d F_p = F_T_EE_.topRightCorner<3, 1>();
+  Vector7 q = desired_.q + kDt * desired_.dq;
   for (int k = 0; k < kIterations; ++k) {
-    model_.update(q, Vector7::Zero());
+    model_.update_kinematics(q);
     const Eigen::Matrix4d now = model_.O_T_F() * F_T_EE_;
     Vector7 error;
     error.head<3>() = pose.topRightCorner<3, 1>() - now.topRightCorner<3, 1>();
     error.segment<3>(3) = rotation_between(now.topLeftCorner<3, 3>(), pose.topLeftCorner<3, 3>());
-    error[6] = q3 - q[2];
+    error[6] = q3_ - q[2];
     if (error.squaredNorm() < kConverged * kConverged) break;
     Eigen::Matrix<double, 7, 7> A;
     A.topRows<6>() = model_.jacobian(F_p);
     A.row(6) = Vector7::Unit(2).transpose();
-    Eigen::Matrix<double, 7, 7> normal = A.transpose() * A;
-    normal.diagonal().array() += kDamping;
-    q += normal.ldlt().solve(A.transpose() * error);
+    const Eigen::PartialPivLU<Eigen::Matrix<double, 7, 7>> lu(A);
+    const double determinant = std::abs(lu.determinant());
+    if (determinant >= kSingular) {
+      q += lu.solve(error);
+    } else {
+      const double damping = kDamping * (1 - determinant / kSingular);
+      Eigen::Matrix<double, 7, 7> normal = A.transpose() * A;
+      normal.diagonal().array() += damping * damping;
+      q += normal.ldlt().solve(A.transpose() * error);
+    }
   }
-  return q;
+  const Vector7 way = q - desired_.q;
+  const double excess = (way.cwiseAbs().array() / (kFastest * kDt * dq_max_.array())).maxCoeff();
+  if (!(excess > 1)) return q;
+  return desired_.q + way / excess;
 }
 
 }  // namespace sim

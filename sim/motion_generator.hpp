@@ -8,8 +8,9 @@ namespace sim {
 
 // Turns the commands of one motion into the desired joint motion that the internal controllers track
 // and the state reports: q_d, dq_d, ddq_d and, for Cartesian motions, O_T_EE_c, O_dP_EE_c, O_ddP_EE_c
-// and the elbow. Derivatives are backward Euler at 1 ms. A Cartesian pose becomes joints by
-// differential inverse kinematics which keeps the elbow (q3) where it is, or where the command says.
+// and the elbow. Derivatives are backward Euler at 1 ms. A Cartesian pose becomes joints by inverse kinematics, continued
+// from cycle to cycle, which keeps the elbow (q3) where it is, or where the command says. Of a pose out of reach the
+// joints fall short without haste; O_T_EE_c is what was asked for.
 class MotionGenerator {
  public:
   struct Desired {
@@ -39,8 +40,8 @@ class MotionGenerator {
   // O_T_EE_c after one cycle with that velocity.
   Eigen::Matrix4d moved(const Vector6& velocity) const;
   void move_joints(const Vector7& q);
-  void move_pose(const Eigen::Matrix4d& pose, double q3);
-  Vector7 inverse(const Eigen::Matrix4d& pose, double q3);
+  void move_pose(const Eigen::Matrix4d& pose);
+  Vector7 inverse(const Eigen::Matrix4d& pose);
   void differentiate(const Vector7& q);
   void set_pose(const Eigen::Matrix4d& pose);
   void set_elbow(const Vector7& q);
@@ -48,6 +49,8 @@ class MotionGenerator {
   fci::MotionGeneratorMode mode_ = fci::MotionGeneratorMode::kIdle;
   Desired desired_;
   ArmModel model_;
+  Eigen::Map<const Vector7> dq_max_;  // rad/s
+  double q3_ = 0;                     // rad: where a Cartesian motion is to have the elbow
   Eigen::Matrix4d F_T_EE_ = Eigen::Matrix4d::Identity();
 };
 

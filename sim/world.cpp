@@ -71,8 +71,9 @@ World::World(const Options& options) : impl_(std::make_unique<Impl>()) {
     w.dq_at[i] = m->jnt_dofadr[joint];
     w.data->qpos[w.q_at[i]] = options.q[i];
     if (!options.ideal) {
-      w.friction[i].coulomb = kCoulombFriction[i];
-      w.friction[i].viscous = kViscousFriction;
+      w.friction[i].sticking = kStickingShare * kFrictionHeight[i];
+      w.friction[i].rising = kFrictionHeight[i] / 2 - w.friction[i].sticking;
+      w.friction[i].rise = kFrictionRise[i];
     }
   }
 
