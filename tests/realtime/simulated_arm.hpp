@@ -16,7 +16,7 @@ class SimulatedArm {
   static constexpr double kDt = 0.001;  // s
 
   // `motor_inertia` (kg m²) adds to each joint what the model does not know.
-  explicit SimulatedArm(const std::string& name, double motor_inertia = 0)
+  explicit SimulatedArm(const std::string& name, const realtime::Vector7& motor_inertia = realtime::Vector7::Zero())
       : plant_(models::urdf(models::arm(name), 10)),
         model(models::urdf(models::arm(name), 10)),
         cycle{state, model, 0, kDt, {}, {}, {}, {}},
@@ -49,7 +49,7 @@ class SimulatedArm {
     for (int k = 0; k < kSubsteps; ++k) {
       plant_.update(q, dq);
       realtime::Matrix7 M = plant_.mass();
-      M.diagonal().array() += motor_inertia_;
+      M.diagonal() += motor_inertia_;
       const realtime::Vector7 ddq = M.llt().solve(tau + external - plant_.coriolis());
       dq += kDt / kSubsteps * ddq;
       q += kDt / kSubsteps * dq;
@@ -69,7 +69,7 @@ class SimulatedArm {
   realtime::Vector7 q, dq = realtime::Vector7::Zero(), tau = realtime::Vector7::Zero();
 
  private:
-  double motor_inertia_;
+  realtime::Vector7 motor_inertia_;
 };
 
 }  // namespace testing_tools

@@ -17,6 +17,8 @@ using Matrix76 = Eigen::Matrix<double, 7, 6>;
 // What EE's mobility J M^-1 J^T (1/kg, 1/(kg m²)) never falls below: near a singularity the arm would
 // weigh more in that direction than any arm does.
 constexpr double kLeastMobility = 1e-3;
+// 1/s: no mode is damped faster, as torque comes a cycle late.
+constexpr double kFastestDamping = 400;
 // N m/rad: a null space without stiffness is damped like one with this.
 constexpr double kLeastNullspaceDamping = 1;
 // How far start() moves the reference (m, rad) and the posture (rad); what a soft law would need beyond is
@@ -81,7 +83,7 @@ Vector6 damping_force(const Eigen::LLT<Matrix6>& mobility, const Vector6& stiffn
   Vector6 y = x;
   mobility.matrixL().solveInPlace(y);
   y = modes.eigenvectors().transpose() * y;
-  y.array() *= 2 * ratio * modes.eigenvalues().cwiseMax(0).cwiseSqrt().array();
+  y.array() *= (2 * ratio * modes.eigenvalues().cwiseMax(0).cwiseSqrt().array()).min(kFastestDamping);
   y = modes.eigenvectors() * y;
   mobility.matrixU().solveInPlace(y);
   return y;

@@ -13,9 +13,10 @@ namespace realtime {
 //
 // e is the way to the reference: position along the axes of O, and the rotation vector in O of the shortest
 // rotation to it, right up to 180°. Lambda = (J M^-1 J^T)^-1. D is designed with it, so that each mode of
-// Lambda, D, K has the damping ratio. tau_null holds the motion of the elbow that leaves EE at rest to the
-// posture at the start, critically damped, and does not accelerate EE.
-// Lambda counts the links alone: the inertia of the motors makes the arm less damped than asked.
+// Lambda, D, K has the damping ratio (less where the delay of the loop does not allow it). tau_null holds
+// the motion of the elbow that leaves EE at rest to the posture at the start, critically damped, and does
+// not accelerate EE. Lambda counts the links alone: the inertia of the motors makes the arm less damped
+// than asked.
 class CartesianImpedance : public Controller {
  public:
   struct Parameters {
