@@ -79,10 +79,7 @@ def ends(ideal: bool) -> tuple[float, float, float]:
         truth = Path(folder) / "truth.npy"
 
         def last_row(fa: FrankaArm) -> np.ndarray:
-            now = fa.get_arm_state().robot.message_id
-            while not len(rows := read_truth(truth)) or rows["message_id"][-1] < now:
-                time.sleep(0.05)
-            return rows[-1]
+            return read_truth(truth, until=fa.get_arm_state().robot.message_id)[-1]
 
         arm = SimulatedArm(ideal=ideal, lockstep=True, truth=truth)
         with Simulation(arm) as simulation, FrankaArm(server=simulation.server) as fa:

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from frankapy import FrankaArm, FrankaConstants, RigidTransform, proto
 from frankapy.sim import SimulatedArm, Simulation, program, read_truth
@@ -89,15 +88,14 @@ def run(simulation: Simulation) -> tuple[list[tuple[str, float]], list[proto.Arm
     """Let the arm do its tasks; return each with the robot's time (s) at its begin, and the recorded states."""
     begins = []
     with FrankaArm(server=simulation.server) as fa:
-        block = block_positions(read_truth(TRUTH))[0]
+        block = block_positions(read_truth(TRUTH, until=1))[0]
         recorder = Recorder(fa)
-        progress = tqdm(tasks(fa, block), bar_format="{percentage:3.0f} % |{bar:30}| {desc}", file=sys.stdout, ncols=79)
-        for name, do in progress:
-            progress.set_description_str(name)
+        for i, (name, do) in enumerate(todo := tasks(fa, block), 1):
+            print(f"  {i:2} of {len(todo)}  {name:32}", end="", flush=True)
+            begun = time.monotonic()
             begins.append((name, fa.get_arm_state().robot.message_id / 1000))
             do()
-        progress.set_description_str("done")
-        progress.close()
+            print(f"{time.monotonic() - begun:5.2f} s", flush=True)
         begins.append(("", fa.get_arm_state().robot.message_id / 1000))
         return begins, recorder.stop()
 
@@ -169,10 +167,11 @@ def draw(begins: list[tuple[str, float]], states: list[proto.ArmState], truth: n
 
     wrench = column(lambda s: s.robot.O_F_ext_hat_K, 6)
     for i, name in enumerate("xyz"):
+        # The robot's estimate is of what it does to the world, the truth is what the world does to it.
         force.plot(t, wrench[:, i], color=colors[i], lw=1, label=f"estimate {name}")
-        force.plot(t_truth, truth["contact_wrench"][:, i], color=colors[i], lw=0.8, ls="--", label=f"truth {name}")
+        force.plot(t_truth, -truth["contact_wrench"][:, i], color=colors[i], lw=0.8, ls="--", label=f"truth {name}")
     force.plot(t_truth, np.abs(truth["finger_force"]).max(axis=1), color="0.4", lw=1, label="grip")
-    force.set_ylabel("forces (N)")
+    force.set_ylabel("forces on the world (N)")
     force.set_xlabel("time of the robot (s)")
 
     figure.suptitle(
@@ -201,12 +200,9 @@ def main() -> int:
     truth = read_truth(TRUTH)
     is_there = judge(truth)
 
-    strip = FOLDER / "arm.png"
-    renderer = subprocess.Popen([program("fci-render"), "--scene", str(SCENE), "--output", str(strip), str(TRUTH)])
     draw(begins, states, truth)
-    if renderer.wait() != 0:
-        print("The pictures of the arm could not be made.", file=sys.stderr)
-        is_there = False
+    strip = FOLDER / "arm.png"
+    subprocess.run([program("fci-render"), "--scene", SCENE, "--output", strip, TRUTH], check=True)
     print(f"{(FOLDER / 'demo.png').relative_to(REPOSITORY)}: what it was told and what it did")
     print(f"{strip.relative_to(REPOSITORY)}: the arm at work")
     print(f"{time.monotonic() - begun:.0f} s")

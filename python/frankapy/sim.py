@@ -264,9 +264,23 @@ def free_address() -> str:
     raise FrankaArmException("No free address in 127.0.0.0/8 was found in 100 attempts.")
 
 
-def read_truth(path: str | os.PathLike[str]) -> np.ndarray:
-    """Return what fci-sim wrote with --truth: a structured array, one row for each cycle; SI units, base frame."""
-    return np.load(path)
+def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: float = 10.0) -> np.ndarray:
+    """Return what fci-sim wrote with --truth: a structured array, one row for each cycle; SI units, base frame.
+
+    It is written once a second. With `until` (a message_id) this waits until that cycle is in the file, at most
+    `timeout` (s) for a row to come; FrankaArmException when it does not.
+    """
+    deadline = time.monotonic() + timeout
+    while True:
+        try:
+            rows = np.load(path)
+        except (EOFError, ValueError):  # not even its header is there
+            rows = None
+        if rows is not None and (until is None or (len(rows) and rows["message_id"][-1] >= until)):
+            return rows
+        if time.monotonic() > deadline:
+            raise FrankaArmException(f"{os.fspath(path)} has no cycle {until or 0} after {timeout:g} s: does fci-sim run?")
+        time.sleep(0.05)
 
 
 def _is_listening(address: str, port: int) -> bool:

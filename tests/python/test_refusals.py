@@ -104,7 +104,7 @@ def test_what_is_not_built_yet_says_so(fa, arguments):
 
 
 def test_walls_are_not_asked_where_they_are_ignored(fa):
-    joints = HOME + [1.2, 0.4, 0, 0.4, 0, 0, 0]
+    joints = HOME + [1.2, 0.9, 0, 0.9, 0, 0, 0]
     with pytest.raises(ValueError, match="y = .* virtual walls"):
         fa.goto_joints(joints, 1)
     fa.goto_joints(joints, 1, ignore_virtual_walls=True)
