@@ -24,12 +24,11 @@ bool finite(const Values& values) {
   return true;
 }
 
-// Errors of (velocity, acceleration) which jumps to rest within one cycle.
-std::optional<Error> stop_dead(double velocity, double acceleration, double max_acceleration, double max_jerk,
+// Magnitudes of a motion's velocity and of the jump of its acceleration when it is at rest one cycle later.
+std::optional<Error> stop_dead(double velocity, double jump, double max_acceleration, double max_jerk,
                                Error velocity_error, Error acceleration_error) {
-  const double needed = velocity / kDt;
-  if (!(needed <= max_acceleration)) return velocity_error;
-  if (!((needed + acceleration) / kDt <= max_jerk)) return acceleration_error;
+  if (!(velocity / kDt <= max_acceleration)) return velocity_error;
+  if (!(jump / kDt <= max_jerk)) return acceleration_error;
   return std::nullopt;
 }
 
@@ -65,7 +64,8 @@ std::optional<Error> check_finish(const models::Limits& limits, Mode generator,
     const auto& v = desired.O_dP_EE_c;
     const auto& a = desired.O_ddP_EE_c;
     for (const auto& [from, rates] : {std::pair{0, limits.translation}, std::pair{3, limits.rotation}}) {
-      if (auto error = stop_dead(v.segment<3>(from).norm(), a.segment<3>(from).norm(), rates.acceleration, rates.jerk,
+      const double jump = (v.segment<3>(from) / kDt + a.segment<3>(from)).norm();
+      if (auto error = stop_dead(v.segment<3>(from).norm(), jump, rates.acceleration, rates.jerk,
                                  Error::kCartesianVelocityDiscontinuity,
                                  Error::kCartesianAccelerationDiscontinuity)) {
         return error;
@@ -74,8 +74,9 @@ std::optional<Error> check_finish(const models::Limits& limits, Mode generator,
     return std::nullopt;
   }
   for (int i = 0; i < models::kJoints; ++i) {
-    if (auto error = stop_dead(std::abs(desired.dq[i]), std::abs(desired.ddq[i]), limits.ddq_max[i],
-                               limits.dddq_max[i], Error::kJointVelocityDiscontinuity,
+    const double jump = std::abs(desired.dq[i] / kDt + desired.ddq[i]);
+    if (auto error = stop_dead(std::abs(desired.dq[i]), jump, limits.ddq_max[i], limits.dddq_max[i],
+                               Error::kJointVelocityDiscontinuity,
                                Error::kJointAccelerationDiscontinuity)) {
       return error;
     }

@@ -96,10 +96,10 @@ class Robot {
   void brake();
   Vector law();
   void configure();
-  void estimate_external_forces(const Vector& tau_J);
-  void report(const Truth& truth);
+  void report();
 
   const models::Arm& arm_;
+  fci::Version version_ = fci::kNewestVersion;
   const models::Limits* limits_;
   ArmModel model_;    // at the measured joints
   ArmModel desired_model_;
