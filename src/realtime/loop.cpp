@@ -306,17 +306,24 @@ void Loop::generate_reference() noexcept {
   // Where states were lost, the robot has moved a reference of its own on with constant acceleration. One that
   // only our own controller follows has gone where the trajectory led it.
   std::uint64_t steps = std::min(ticks_, kMaxTicks);
-  if (!mode_.torque()) {
+  const bool coasted = !mode_.torque() && steps > 1;
+  if (coasted) {
     for (; steps > 1; --steps) limiter_.coast(kTick, reference_);
   }
   if (phase_ == Phase::kRunning) {
     skill_time_ += cycle_.dt;
     cycle_.time = skill_time_;
+    if (coasted) {
+      skill_->trajectory->step(skill_time_ - kTick, wanted_);
+      rejoin_.start(reference_, wanted_);
+    }
     for (; steps > 0; --steps) {
       const double time = skill_time_ - static_cast<double>(steps - 1) * kTick;
       trajectory_over_ = skill_->trajectory->step(std::max(time, 0.0), wanted_);
+      if (rejoin_.active()) rejoin_.step(kTick, wanted_);
       limited_ |= limiter_.follow(wanted_, kTick, reference_);
     }
+    trajectory_over_ &= !rejoin_.active();
     if (!is_finite(wanted_)) stop_running(Ending::kComponentFault);
   } else {
     for (; steps > 0; --steps) limiter_.brake(kTick, reference_);
@@ -502,6 +509,7 @@ void Loop::start_skill() noexcept {
   limited_cycles_ = 0;
   first_command_ns_ = 0;
   trajectory_over_ = false;
+  rejoin_.stop();
   cycle_.time = 0;
   skill_->controller->start(cycle_, reference_);
   limiter_.reset(reference_);

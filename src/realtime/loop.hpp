@@ -6,6 +6,7 @@
 #include "realtime/door.hpp"
 #include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
+#include "realtime/rejoin.hpp"
 #include "robot/driver.hpp"
 
 namespace realtime {
@@ -115,6 +116,7 @@ class Loop {
   // What is commanded.
   robot::Mode mode_, wire_mode_;  // of the motion; as the robot names it
   Reference wanted_, reference_;  // before and after the limits
+  Rejoin rejoin_;                 // after lost states
   bool limited_ = false;
   Vector7 tau_J_d_ = Vector7::Zero();
   fci::RobotCommand command_;

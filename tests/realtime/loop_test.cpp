@@ -1,0 +1,761 @@
+#include "realtime/loop.hpp"
+
+#include <gtest/gtest.h>
+
+#include <deque>
+#include <functional>
+#include <random>
+
+#include "allocation_counter.hpp"
+#include "mock_driver.hpp"
+#include "realtime/controllers/joint_impedance.hpp"
+#include "realtime/trajectories/min_jerk_joint.hpp"
+#include "realtime/trajectories/min_jerk_pose.hpp"
+#include "realtime/trajectories/relative_min_jerk_joint.hpp"
+
+namespace {
+
+using namespace realtime;
+using testing_tools::AllocationCounter;
+using testing_tools::MockRobot;
+using Generator = fci::MotionGeneratorMode;
+
+constexpr robot::Mode kInternalJoint = {fci::ControllerMode::kJointImpedance, Generator::kJointPosition};
+constexpr robot::Mode kInternalPose = {fci::ControllerMode::kCartesianImpedance, Generator::kCartesianPosition};
+
+// The robot's own controller.
+struct Internal : Controller {
+  bool accepts(ReferenceKind) const noexcept override { return true; }
+  robot::Mode mode(ReferenceKind kind) const noexcept override {
+    return kind == ReferenceKind::kJoint ? kInternalJoint : kInternalPose;
+  }
+  void start(const Cycle&, Reference&) noexcept override {}
+  void step(const Cycle&, const Reference&, Vector7&) noexcept override { ADD_FAILURE() << "has no torque"; }
+};
+
+// Spring and damper on the pose: enough of a controller to follow Cartesian references under torque control.
+struct PoseSpring : Controller {
+  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
+  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  void start(const Cycle&, Reference&) noexcept override {}
+  void step(const Cycle& cycle, const Reference& reference, Vector7& tau) noexcept override {
+    Vector6 force;
+    force.head<3>() = 600 * (reference.cartesian.position - cycle.O_T_EE.translation());
+    force.tail<3>() =
+        30 * realtime::log(reference.cartesian.orientation * Eigen::Quaterniond(cycle.O_T_EE.linear()).conjugate());
+    tau = cycle.model.jacobian().transpose() * force - 10 * cycle.dq + cycle.model.coriolis();
+  }
+};
+
+// Gives NaN from a time on.
+struct BrokenController : JointImpedance {
+  using JointImpedance::JointImpedance;
+  double from = 0;
+  void step(const Cycle& cycle, const Reference& reference, Vector7& tau) noexcept override {
+    JointImpedance::step(cycle, reference, tau);
+    if (cycle.time > from) tau[3] = std::nan("");
+  }
+};
+struct BrokenTrajectory : MinJerkJoint {
+  using MinJerkJoint::MinJerkJoint;
+  double from = 0;
+  bool step(double time, Reference& reference) noexcept override {
+    const bool over = MinJerkJoint::step(time, reference);
+    if (time > from) reference.joint.q[2] = INFINITY;
+    return over;
+  }
+};
+
+struct AfterTime : Termination {
+  double seconds;
+  explicit AfterTime(double s) : seconds(s) {}
+  bool step(const Cycle& cycle, const Progress&) noexcept override { return cycle.time >= seconds; }
+};
+
+JointImpedance::Parameters gains(double scale = 1) {
+  return {scale * (Vector7() << 600, 600, 600, 600, 250, 150, 50).finished(),
+          std::sqrt(scale) * (Vector7() << 50, 50, 50, 50, 30, 25, 15).finished()};
+}
+
+// A loop, its robot, and the server room around it.
+class LoopTest : public testing::Test {
+ protected:
+  explicit LoopTest(fci::Version version = 10, double hold_time = 2)
+      : robot(models::arm("fr3"), version), model(models::urdf(models::arm("fr3"), version)) {
+    options.hold_time = hold_time;
+    remake();
+  }
+
+  void remake() { loop = std::make_unique<Loop>(robot, model, robot.limits, options, door); }
+
+  ~LoopTest() override {
+    if (testing_tools::kCountsAllocations) {
+      EXPECT_EQ(allocations, 0u);
+    }
+    EXPECT_TRUE(robot.obeyed() || !judge) << robot.judgement();
+    EXPECT_EQ(given, results_seen + unfinished());
+    loop.reset();
+    collect();
+  }
+
+  std::size_t unfinished() const { return in_work; }
+
+  bool cycle() {
+    bool goes_on;
+    {
+      const AllocationCounter counter;
+      goes_on = loop->cycle();
+      allocations += counter.count();
+    }
+    collect();
+    return goes_on;
+  }
+
+  void collect() {
+    while (const SkillResult* result = door.results.front()) {
+      results.push_back(*result);
+      ++results_seen;
+      --in_work;
+      door.results.pop();
+    }
+    while (Skill* const* skill = door.retired.front()) {
+      delete *skill;
+      ++retired;
+      door.retired.pop();
+    }
+    while (const RecoveryResult* result = door.recoveries.front()) {
+      recoveries.push_back(*result);
+      door.recoveries.pop();
+    }
+    while (const Record* record = door.records.front()) {
+      last = *record;
+      door.records.pop();
+    }
+  }
+
+  bool cycles(int n) {
+    while (n-- > 0) {
+      if (!cycle()) return false;
+    }
+    return true;
+  }
+
+  // Cycles until it is so; false when it never was.
+  bool until(const std::function<bool()>& so, int most = 10000) {
+    while (most-- > 0) {
+      if (so()) return true;
+      if (!cycle()) return so();
+    }
+    return so();
+  }
+  bool until(Phase phase, int most = 10000) {
+    return until([&] { return last.phase == phase; }, most);
+  }
+  bool until_result(int most = 20000) {
+    const std::size_t before = results_seen;
+    return until([&] { return results_seen > before; }, most);
+  }
+
+  std::uint64_t give(std::unique_ptr<TrajectoryGenerator> trajectory, std::unique_ptr<Controller> controller,
+                     robot::Settings settings = {}, std::unique_ptr<Termination> termination = nullptr) {
+    auto skill = std::make_unique<Skill>();
+    skill->id = ++given;
+    ++in_work;
+    skill->mode = controller->mode(trajectory->reference_kind());
+    skill->settings = settings;
+    skill->trajectory = std::move(trajectory);
+    skill->controller = std::move(controller);
+    if (termination) skill->terminations.push_back(std::move(termination));
+    const auto unread = door.next.put(std::move(skill));
+    if (unread) {  // as the server does
+      ++results_seen;
+      --in_work;
+    }
+    return given;
+  }
+
+  std::unique_ptr<TrajectoryGenerator> by(double delta, double duration) {
+    return std::make_unique<RelativeMinJerkJoint>(
+        RelativeMinJerkJoint::Parameters{Vector7::Constant(delta), duration}, robot.limits);
+  }
+  std::unique_ptr<TrajectoryGenerator> to_pose(const Vector3& by, double duration) {
+    const Eigen::Isometry3d T = model.O_T_EE(robot.q());
+    return std::make_unique<MinJerkPose>(
+        MinJerkPose::Parameters{T.translation() + by, Eigen::Quaterniond(T.linear()), duration}, robot.limits);
+  }
+  std::uint64_t give_internal(double delta = 0.1, double duration = 0.5, robot::Settings settings = {}) {
+    return give(by(delta, duration), std::make_unique<Internal>(), settings);
+  }
+  std::uint64_t give_torque(double delta = 0.1, double duration = 0.5, double scale = 1) {
+    return give(by(delta, duration), std::make_unique<JointImpedance>(gains(scale)));
+  }
+  int posted(fci::Command command) const { return robot.posted[static_cast<std::size_t>(command)]; }
+
+  static robot::Settings stiffness(double K) {
+    robot::Settings settings;
+    settings.joint_impedance = fci::SetJointImpedance{};
+    settings.joint_impedance->K_theta.fill(K);
+    return settings;
+  }
+
+  MockRobot robot;
+  Model model;
+  Loop::Options options;
+  Door door;
+  std::unique_ptr<Loop> loop;
+  Record last;
+  std::deque<SkillResult> results;
+  std::deque<RecoveryResult> recoveries;
+  std::size_t given = 0, in_work = 0, results_seen = 0, retired = 0;
+  std::uint64_t allocations = 0;
+  bool judge = true;  // the robot's judgement counts at the end
+};
+
+TEST_F(LoopTest, JointMotionEndsAtItsGoalIsHeldAndThenFinished) {
+  const Vector7 q = robot.q();
+  give_internal(0.2, 0.6);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_EQ(results[0].skill_id, 1u);
+  EXPECT_EQ(results[0].termination, -1);
+  EXPECT_NEAR(results[0].time, 0.6, 0.01);
+  EXPECT_NEAR((robot.q() - q - Vector7::Constant(0.2)).norm(), 0, 1e-6);
+  EXPECT_EQ(last.phase, Phase::kHolding);
+  EXPECT_EQ(retired, 0u) << "its controller holds the arm";
+
+  const int commands = robot.commands;
+  ASSERT_TRUE(until(Phase::kIdle));
+  EXPECT_NEAR(robot.commands - commands, 2000, 5);
+  EXPECT_FALSE(robot.in_motion());
+  EXPECT_EQ(retired, 1u);
+  EXPECT_EQ(robot.uncommanded, 0);
+  EXPECT_NEAR((robot.q() - q - Vector7::Constant(0.2)).norm(), 0, 1e-6);
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+}
+
+TEST_F(LoopTest, FirstCommandOfAMotionIsWhatTheRobotHolds) {
+  give_internal(0.2, 0.3);
+  ASSERT_TRUE(until([&] { return robot.commands == 1; }));
+  for (int i = 0; i < 7; ++i) EXPECT_EQ(robot.command.q_c[i], last.state.q_d[i]);
+  EXPECT_EQ(last.skill_time, 0);
+}
+
+TEST_F(LoopTest, TakesOverWithinAControllerWithoutAGapAtAnyMoment) {
+  std::mt19937 random(1);
+  give_internal(0.3, 0.6);
+  ASSERT_TRUE(until(Phase::kRunning));
+  for (int i = 0; i < 30; ++i) {
+    cycles(std::uniform_int_distribution<>(1, 300)(random));
+    give_internal(std::uniform_real_distribution<>(-0.15, 0.15)(random), 0.6);
+    const int commands = robot.commands;
+    cycle();
+    EXPECT_EQ(last.skill_id, given) << "commanded in the cycle that finds it";
+    EXPECT_EQ(robot.commands, commands + 1);
+  }
+  ASSERT_TRUE(until(Phase::kIdle));
+  EXPECT_EQ(robot.uncommanded, 0);
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+}
+
+TEST_F(LoopTest, TakesOverWhileHolding) {
+  give_internal();
+  ASSERT_TRUE(until(Phase::kHolding));
+  cycles(100);
+  give_internal();
+  cycle();
+  EXPECT_EQ(last.phase, Phase::kRunning);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+  EXPECT_EQ(robot.uncommanded, 0);
+}
+
+TEST_F(LoopTest, SwitchesTheModeFromRestWithOneCycleWithoutACommand) {
+  give_internal();
+  ASSERT_TRUE(until(Phase::kHolding));
+  give_torque();
+  const int moves = posted(fci::Command::kMove);
+  ASSERT_TRUE(until([&] { return last.skill_id == 2 && last.phase == Phase::kRunning; }, 10));
+  EXPECT_EQ(robot.gap, 1);
+  EXPECT_EQ(posted(fci::Command::kMove), moves + 1);
+  ASSERT_TRUE(until_result());
+  give_internal();
+  ASSERT_TRUE(until([&] { return last.skill_id == 3 && last.phase == Phase::kRunning; }, 1500));
+  EXPECT_EQ(robot.gap, 1);
+  ASSERT_TRUE(until_result());
+}
+
+TEST_F(LoopTest, SwitchesTheModeAsSoonWhateverTheOrderOfTheAnswers) {
+  struct Case {
+    int started_delay, success_delay;
+    bool success_first;
+  };
+  for (const Case& c : {Case{0, 0, false}, Case{20, 0, false}, Case{-1, 0, false}, Case{0, 20, false},
+                        Case{0, 0, true}, Case{20, 20, false}, Case{20, 0, true}}) {
+    robot.started_delay = c.started_delay;
+    robot.success_delay = c.success_delay;
+    robot.success_first = c.success_first;
+    give_internal(0.02, 0.2);
+    ASSERT_TRUE(until_result());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    give_torque(0.02, 0.2);
+    ASSERT_TRUE(until([&] { return last.skill_id == given && last.phase == Phase::kRunning; }, 10));
+    EXPECT_EQ(robot.gap, 1);
+    ASSERT_TRUE(until_result());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+  }
+}
+
+TEST_F(LoopTest, BrakesAMovingSkillBeforeAnotherMode) {
+  give_internal(0.5, 1);
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.5; }));
+  give_torque();
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kPreempted);
+  EXPECT_EQ(last.phase, Phase::kBraking);
+  ASSERT_TRUE(until([&] { return last.skill_id == 2 && last.phase == Phase::kRunning; }, 1000));
+  EXPECT_EQ(robot.gap, 1);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, SettingsInForceAreNotSentAgain) {
+  options.settings.load = fci::SetLoad{0.5, {}, {}};
+  options.settings.NE_T_EE = fci::SetNEToEE{};
+  remake();
+  cycles(5);
+  EXPECT_EQ(posted(fci::Command::kSetLoad), 1) << "known to the robot before any motion";
+  EXPECT_EQ(posted(fci::Command::kSetNEToEE), 1);
+
+  give_internal(0.02, 0.1, stiffness(500));
+  ASSERT_TRUE(until_result());
+  give_internal(0.02, 0.1, stiffness(500));
+  cycle();
+  EXPECT_EQ(last.skill_id, 2u);
+  ASSERT_TRUE(until_result());
+  give_internal(0.02, 0.1);  // does not care
+  cycle();
+  EXPECT_EQ(last.skill_id, 3u);
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+  EXPECT_EQ(posted(fci::Command::kSetJointImpedance), 1);
+  ASSERT_TRUE(until_result());
+
+  give_internal(0.02, 0.1, stiffness(800));  // costs rest, a setter and a start
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(posted(fci::Command::kSetJointImpedance), 2);
+  EXPECT_EQ(posted(fci::Command::kMove), 2);
+  EXPECT_EQ(posted(fci::Command::kSetLoad), 1);
+  EXPECT_EQ(posted(fci::Command::kSetNEToEE), 1);
+  for (const SkillResult& result : results) EXPECT_EQ(result.ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, UnevenTicksLeadAlongTheSameMotion) {
+  struct Case {
+    std::array<int, 8> ticks;
+    int repeat;      // of even ticks after them
+    double way;      // rad: greatest difference from the even motion
+    double seconds;  // greatest delay of the end
+  };
+  for (const Case& c : {Case{{1, 1, 1, 1, 1, 1, 1, 1}, 0, 1e-6, 1e-3}, Case{{2, 1, 1, 1, 1, 1, 1, 1}, 10, 5e-5, 0.06},
+                        Case{{1, 2, 1, 3, 5, 1, 1, 1}, 10, 3e-4, 0.2}, Case{{1, 2, 1, 3, 5, 1, 1, 2}, 0, 3e-3, 3}}) {
+    const Vector7 q = robot.q();
+    MinJerkJoint even({q + Vector7::Constant(0.3), 0.5}, robot.limits);
+    Reference from, at;
+    from.joint.q = q;
+    even.start(from);
+    give_internal(0.3, 0.5);
+    double worst = 0;
+    const std::size_t before = results.size();
+    for (int i = 0; i < 5000 && results.size() == before; ++i) {
+      robot.ticks = i / 8 % (c.repeat + 1) == 0 ? c.ticks : std::array<int, 8>{1, 1, 1, 1, 1, 1, 1, 1};
+      ASSERT_TRUE(cycle());
+      if (last.phase != Phase::kRunning) continue;
+      even.step(last.skill_time, at);
+      worst = std::max(worst, (last.reference.joint.q - at.joint.q).norm());
+    }
+    ASSERT_GT(results.size(), before);
+    EXPECT_LT(worst, c.way);
+    EXPECT_NEAR(results.back().time, 0.5, 0.003 + c.seconds);
+    EXPECT_NEAR((robot.q() - q - Vector7::Constant(0.3)).norm(), 0, 1e-6);
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    give_internal(-0.3, 0.5);
+    robot.ticks.fill(1);
+    ASSERT_TRUE(until_result());
+    ASSERT_TRUE(until(Phase::kIdle));
+  }
+  EXPECT_GT(last.lost_states, 100u);
+}
+
+TEST_F(LoopTest, FollowsItsOwnReferenceThroughLostStatesUnderTorque) {
+  robot.ticks = {1, 2, 1, 3, 5, 1, 1, 2};
+  const Vector7 q = robot.q();
+  give_torque(0.3, 0.5);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_NEAR(results[0].time, 0.5, 0.02);
+  cycles(500);
+  EXPECT_NEAR((robot.q() - q - Vector7::Constant(0.3)).norm(), 0, 1e-3);
+  judge = false;  // the mock repeats the last torque for 5 ms: the robot's own rules, not checked here
+}
+
+TEST_F(LoopTest, StopBrakesInsideTheLimitsThenHolds) {
+  give_internal(0.8, 1);
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.4; }));
+  const Vector7 q = robot.q();
+  door.stop_up_to = 1;
+  ASSERT_TRUE(until_result(500));
+  EXPECT_EQ(results[0].ending, Ending::kStopped);
+  EXPECT_EQ(last.phase, Phase::kHolding);
+  EXPECT_GT((robot.q() - q).norm(), 1e-3);
+  EXPECT_NEAR(robot.dq().norm(), 0, 1e-5);
+  cycles(100);
+  EXPECT_EQ(last.phase, Phase::kHolding);
+  give_internal();  // a stop is for what was there when it came
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, StopReachesASkillThatHasNotBegun) {
+  door.stop_up_to = 1;
+  give_internal();
+  ASSERT_TRUE(until_result(10));
+  EXPECT_EQ(results[0].ending, Ending::kStopped);
+  EXPECT_EQ(posted(fci::Command::kMove), 0);
+
+  give_internal();  // waits for Move when the stop comes
+  ASSERT_TRUE(until(Phase::kStarting));
+  door.stop_up_to = 2;
+  ASSERT_TRUE(until_result(10));
+  EXPECT_EQ(results[1].ending, Ending::kStopped);
+
+  give_internal(0.8, 1);
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.4; }));
+  give_torque();  // waits for the arm to rest when the stop comes
+  ASSERT_TRUE(until_result(5));
+  door.stop_up_to = 4;
+  ASSERT_TRUE(until_result(5));
+  EXPECT_EQ(results[3].ending, Ending::kStopped);
+  ASSERT_TRUE(until(Phase::kHolding, 1000));
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+}
+
+TEST_F(LoopTest, TerminationInTheMiddleBrakesBeforeTheSkillEnds) {
+  give(by(0.8, 1), std::make_unique<Internal>(), {}, std::make_unique<AfterTime>(0.4));
+  ASSERT_TRUE(until(Phase::kBraking));
+  EXPECT_TRUE(results.empty());
+  ASSERT_TRUE(until_result(500));
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_EQ(results[0].termination, 0);
+  EXPECT_NEAR(robot.dq().norm(), 0, 1e-5);
+}
+
+TEST_F(LoopTest, RobotErrorEndsTheSkillWithItsNameAndTheLoopGoesOn) {
+  give_internal(0.5, 1);
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.3; }));
+  robot.reflex(fci::Error::kJointReflex);
+  ASSERT_TRUE(until_result(5));
+  EXPECT_EQ(results[0].ending, Ending::kRobotError);
+  EXPECT_EQ(fci::names(results[0].errors), "joint_reflex");
+  EXPECT_EQ(results[0].robot_mode, fci::RobotMode::kReflex);
+  EXPECT_EQ(last.phase, Phase::kError);
+  EXPECT_EQ(retired, 1u);
+
+  give_internal();
+  ASSERT_TRUE(until_result(5));
+  EXPECT_EQ(results[1].ending, Ending::kRobotError);
+  EXPECT_EQ(fci::names(results[1].errors), "joint_reflex");
+
+  door.recover = true;
+  ASSERT_TRUE(until(Phase::kIdle, 20));
+  ASSERT_EQ(recoveries.size(), 1u);
+  EXPECT_TRUE(recoveries[0].recovered);
+  give_internal();
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[2].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, ReflexWhileHoldingOrIdleIsSurvived) {
+  give_internal();
+  ASSERT_TRUE(until(Phase::kHolding));
+  robot.reflex(fci::Error::kCartesianReflex);
+  ASSERT_TRUE(until(Phase::kError, 5));
+  EXPECT_EQ(results.size(), 1u);
+  EXPECT_EQ(retired, 1u);
+  door.recover = true;
+  ASSERT_TRUE(until(Phase::kIdle, 20));
+  robot.user_stop();
+  ASSERT_TRUE(until(Phase::kError, 5));
+  robot.release();
+  ASSERT_TRUE(until(Phase::kIdle, 5));
+  give_torque();
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, UserStopWhileStartingEndsTheSkill) {
+  robot.start_delay = 10;
+  give_internal();
+  ASSERT_TRUE(until(Phase::kStarting));
+  robot.user_stop();
+  ASSERT_TRUE(until_result(5));
+  EXPECT_EQ(results[0].ending, Ending::kRobotError);
+  EXPECT_EQ(results[0].robot_mode, fci::RobotMode::kUserStopped);
+}
+
+TEST_F(LoopTest, RefusedRecoveryIsReported) {
+  robot.reflex(fci::Error::kJointReflex);
+  ASSERT_TRUE(until(Phase::kError, 5));
+  robot.refused = fci::Command::kAutomaticErrorRecovery;
+  robot.refusal = fci::Status::kManualErrorRecoveryRequired;
+  door.recover = true;
+  ASSERT_TRUE(until([&] { return !recoveries.empty(); }, 50));
+  EXPECT_FALSE(recoveries[0].recovered);
+  EXPECT_EQ(recoveries[0].status, fci::Status::kManualErrorRecoveryRequired);
+  EXPECT_EQ(last.phase, Phase::kError);
+
+  robot.refused.reset();
+  robot.silent = fci::Command::kAutomaticErrorRecovery;
+  door.recover = true;
+  ASSERT_TRUE(until([&] { return recoveries.size() == 2; }, 11000));
+  EXPECT_FALSE(recoveries[1].recovered);
+  EXPECT_EQ(recoveries[1].status, fci::Status::kFailed);
+}
+
+TEST_F(LoopTest, RecoveryWithNothingToRecoverFromSucceedsAtOnce) {
+  cycles(3);
+  door.recover = true;
+  ASSERT_TRUE(until([&] { return !recoveries.empty(); }, 3));
+  EXPECT_TRUE(recoveries[0].recovered);
+  EXPECT_EQ(posted(fci::Command::kAutomaticErrorRecovery), 0);
+}
+
+TEST_F(LoopTest, RefusalsEndTheSkillWithRequestAndStatus) {
+  robot.refused = fci::Command::kSetJointImpedance;
+  robot.refusal = fci::Status::kInvalidArgument;
+  give_internal(0.1, 0.2, stiffness(500));
+  ASSERT_TRUE(until_result(50));
+  EXPECT_EQ(results[0].ending, Ending::kRefused);
+  EXPECT_EQ(results[0].refused, fci::Command::kSetJointImpedance);
+  EXPECT_EQ(results[0].status, fci::Status::kInvalidArgument);
+  EXPECT_EQ(posted(fci::Command::kMove), 0);
+
+  robot.refused = fci::Command::kMove;
+  robot.refusal = fci::Status::kStartAtSingularPose;
+  give_internal();
+  ASSERT_TRUE(until_result(50));
+  EXPECT_EQ(results[1].ending, Ending::kRefused);
+  EXPECT_EQ(results[1].refused, fci::Command::kMove);
+  EXPECT_EQ(results[1].status, fci::Status::kStartAtSingularPose);
+
+  robot.refused.reset();
+  give_internal(0.1, 0.2, stiffness(500));
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[2].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, AnswersThatNeverComeEndTheSkillWithinASecond) {
+  robot.silent = fci::Command::kSetJointImpedance;
+  give_internal(0.1, 0.2, stiffness(500));
+  ASSERT_TRUE(until_result(1010));
+  EXPECT_EQ(results[0].ending, Ending::kRefused);
+  EXPECT_EQ(results[0].refused, fci::Command::kSetJointImpedance);
+  EXPECT_EQ(results[0].status, fci::Status::kFailed);
+
+  robot.silent = fci::Command::kMove;
+  give_internal();
+  ASSERT_TRUE(until_result(1010));
+  EXPECT_EQ(results[1].ending, Ending::kRefused);
+  EXPECT_EQ(results[1].refused, fci::Command::kMove);
+  EXPECT_EQ(posted(fci::Command::kStopMove), 1);
+
+  robot.silent.reset();
+  give_internal();
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[2].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, LostConnectionEndsSkillsAndLoop) {
+  for (const auto how : {robot::Received::kLost, robot::Received::kNothing}) {
+    robot.connection = robot::Received::kState;
+    remake();
+    give_internal(0.5, 1);
+    ASSERT_TRUE(until([&] { return last.skill_time > 0.3; }));
+    give_torque();
+    cycles(2);
+    robot.connection = how;
+    const std::size_t before = results.size();
+    EXPECT_FALSE(loop->run());
+    collect();
+    ASSERT_EQ(results.size(), before + 1);
+    EXPECT_EQ(results.back().ending, Ending::kConnectionLost);
+    robot.reflex(fci::Error::kCommunicationConstraints);
+    robot.connection = robot::Received::kState;
+    remake();
+    ASSERT_TRUE(until(Phase::kError, 5));
+    door.recover = true;
+    ASSERT_TRUE(until(Phase::kIdle, 30));
+  }
+}
+
+TEST_F(LoopTest, WhatIsNotFiniteNeverLeaves) {
+  auto trajectory = std::make_unique<BrokenTrajectory>(
+      MinJerkJoint::Parameters{robot.q() + Vector7::Constant(0.3), 0.6}, robot.limits);
+  trajectory->from = 0.3;
+  give(std::move(trajectory), std::make_unique<Internal>());
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kComponentFault);
+  EXPECT_EQ(last.phase, Phase::kHolding);
+  EXPECT_TRUE(robot.q().allFinite());
+
+  auto controller = std::make_unique<BrokenController>(gains());
+  controller->from = 0.3;
+  give(by(0.3, 0.6), std::move(controller));
+  ASSERT_TRUE(until([&] { return last.skill_id == 2 && last.phase == Phase::kRunning; }));
+  ASSERT_TRUE(until([&] {
+    for (double tau : robot.command.tau_J_d) EXPECT_TRUE(std::isfinite(tau));
+    return results.size() == 2;
+  }));
+  EXPECT_EQ(results[1].ending, Ending::kComponentFault);
+  ASSERT_TRUE(until(Phase::kIdle, 3000)) << "nothing is left that could hold the arm: the robot does";
+
+  give_internal();
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[2].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, TorqueIsContinuousWhenTheControllerChanges) {
+  give_torque(0.3, 1);
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.5; }));
+  Vector7 tau = Vector7::Map(robot.command.tau_J_d.data());
+  give_torque(0.1, 1, 0.5);
+  cycle();
+  EXPECT_EQ(last.skill_id, 2u);
+  EXPECT_LT((Vector7::Map(robot.command.tau_J_d.data()) - tau).cwiseAbs().maxCoeff(), 0.5);
+  ASSERT_TRUE(until([&] { return results_seen == 2; }));
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+  EXPECT_EQ(robot.uncommanded, 0);
+}
+
+TEST_F(LoopTest, ReferencesOfBothKindsShareATorqueMotion) {
+  give_torque(0.1, 0.5);
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.25; }));
+  give(to_pose({0.02, 0.02, -0.02}, 0.6), std::make_unique<PoseSpring>());
+  cycle();
+  EXPECT_EQ(last.skill_id, 2u);
+  EXPECT_EQ(last.reference.kind, ReferenceKind::kCartesian);
+  EXPECT_LT((last.reference.cartesian.position - model.O_T_EE().translation()).norm(), 0.02);
+  cycles(300);
+  give_torque(0.05, 0.5);
+  cycle();
+  EXPECT_EQ(last.skill_id, 3u);
+  EXPECT_EQ(last.reference.kind, ReferenceKind::kJoint);
+  ASSERT_TRUE(until([&] { return results_seen == 3; }));
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+  EXPECT_EQ(robot.uncommanded, 0);
+}
+
+TEST_F(LoopTest, PoseMotionEndsAtItsGoal) {
+  const Vector3 goal = model.O_T_EE(robot.q()).translation() + Vector3(0.05, -0.03, 0.02);
+  give(to_pose({0.05, -0.03, 0.02}, 0.6), std::make_unique<Internal>());
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_NEAR((last.reference.cartesian.position - goal).norm(), 0, 1e-6);
+  EXPECT_EQ(robot.moved, kInternalPose);
+}
+
+TEST_F(LoopTest, QuitBrakesFinishesAndReturns) {
+  give_internal(0.8, 1);
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.4; }));
+  door.quit = true;
+  EXPECT_TRUE(loop->run());
+  collect();
+  EXPECT_EQ(results[0].ending, Ending::kStopped);
+  EXPECT_FALSE(robot.in_motion());
+  EXPECT_EQ(robot.uncommanded, 0);
+}
+
+TEST_F(LoopTest, QuitReturnsFromIdleAndFromErrors) {
+  cycles(5);
+  door.quit = true;
+  EXPECT_TRUE(loop->run());
+  door.quit = false;
+  remake();
+  robot.reflex(fci::Error::kJointReflex);
+  ASSERT_TRUE(until(Phase::kError, 5));
+  door.quit = true;
+  EXPECT_TRUE(loop->run());
+}
+
+TEST_F(LoopTest, KeepsTheLimitsUnderRandomPreemptions) {
+  const unsigned seed = 7;
+  SCOPED_TRACE("seed " + std::to_string(seed));
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<> unit(-1, 1);
+  for (int i = 0; i < 150; ++i) {
+    Vector7 q = Vector7::Map(models::kHome.data());
+    for (int k = 0; k < 7; ++k) q[k] += 0.4 * unit(random);
+    auto trajectory = std::make_unique<MinJerkJoint>(MinJerkJoint::Parameters{q, 0.05 + 0.4 * std::abs(unit(random))},
+                                                     robot.limits);
+    const int kind = std::uniform_int_distribution<>(0, 9)(random);
+    if (kind < 8) {
+      give(std::move(trajectory), std::make_unique<Internal>(), kind == 7 ? stiffness(100 + i) : robot::Settings{});
+    } else {
+      give(std::move(trajectory), std::make_unique<JointImpedance>(gains()));
+    }
+    if (kind == 3) robot.ticks = {1, 1, 1, 2, 1, 1, 1, 3};
+    if (kind == 4) robot.ticks.fill(1);
+    cycles(std::uniform_int_distribution<>(0, 250)(random));
+    if (kind == 5) door.stop_up_to = given;
+  }
+  ASSERT_TRUE(until(Phase::kHolding));
+  EXPECT_EQ(results_seen, given);
+}
+
+TEST_F(LoopTest, TakesNoSkillWhoseResultWouldFindNoRoom) {
+  give_internal(0.1, 5);
+  const AllocationCounter counter;
+  for (int i = 0; i < 200; ++i) {  // nobody collects
+    auto skill = std::make_unique<Skill>();
+    skill->id = ++given;
+    ++in_work;
+    skill->trajectory = by(0.001, 5);
+    skill->controller = std::make_unique<Internal>();
+    skill->mode = kInternalJoint;
+    if (door.next.put(std::move(skill))) {
+      ++results_seen;
+      --in_work;
+    }
+    loop->cycle();
+    loop->cycle();
+  }
+  EXPECT_LE(door.results.room(), 4u);
+  collect();
+  ASSERT_TRUE(until([&] { return in_work == 0; }, 10000));
+}
+
+class OldRobot : public LoopTest {
+ protected:
+  OldRobot() : LoopTest(5) {}
+};
+
+TEST_F(OldRobot, RunsTorqueBesideJointVelocitiesOfZero) {
+  give_torque();
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_EQ(robot.moved, (robot::Mode{fci::ControllerMode::kExternal, Generator::kJointVelocity}));
+  give_internal();
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(robot.moved, kInternalJoint);
+}
+
+class NoHold : public LoopTest {
+ protected:
+  NoHold() : LoopTest(10, 0) {}
+};
+
+TEST_F(NoHold, FinishesAtOnce) {
+  give_internal();
+  ASSERT_TRUE(until_result());
+  ASSERT_TRUE(until(Phase::kIdle, 4));
+}
+
+}  // namespace
