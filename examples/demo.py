@@ -24,6 +24,7 @@ TRUTH = FOLDER / "truth.npy"
 CARRY = np.array([0.0, 0.3, 0.0])  # m, from where the block is to where it should be
 ABOVE = np.array([0.0, 0.0, 0.12])  # m
 ALLOWED = 0.01  # m beside the goal
+SHOWN = ("joint move", "pose delta, server's impedance", "grasp", "lift", "carry", "away")  # the ends of these
 
 
 class Recorder:
@@ -185,7 +186,9 @@ def draw(begins: list[tuple[str, float]], states: list[proto.ArmState], truth: n
             if i % 2:
                 axes.axvspan(begin - start, end - start, color="0.94", zorder=-1)
     for (name, begin), (_, end) in zip(begins, begins[1:], strict=False):
-        joints.text((begin + end) / 2 - start, 1.02, name, transform=joints.get_xaxis_transform(), rotation=35, fontsize=9)
+        joints.text(
+            (begin + end) / 2 - start, 1.02, name, transform=joints.get_xaxis_transform(), rotation=35, fontsize=9
+        )
     joints.set_xlim(0, begins[-1][1] - start)
     figure.savefig(FOLDER / "demo.png", dpi=90)
 
@@ -202,7 +205,10 @@ def main() -> int:
 
     draw(begins, states, truth)
     strip = FOLDER / "arm.png"
-    subprocess.run([program("fci-render"), "--scene", SCENE, "--output", strip, TRUTH], check=True)
+    ends = {name: end for (name, _), (_, end) in zip(begins, begins[1:], strict=False)}
+    times = ",".join(f"{ends[name]:.3f}" for name in SHOWN)
+    command = [program("fci-render"), "--scene", SCENE, "--times", times, "--output", strip, "--truth", TRUTH]
+    subprocess.run(command, check=True)
     print(f"{(FOLDER / 'demo.png').relative_to(REPOSITORY)}: what it was told and what it did")
     print(f"{strip.relative_to(REPOSITORY)}: the arm at work")
     print(f"{time.monotonic() - begun:.0f} s")

@@ -50,13 +50,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     sim = add("sim", _sim, "start simulated arms and a server for them, until Ctrl-C")
     sim.add_argument("--robot", action="append", choices=list(_TITLES), help="fr3 (default); once for each arm")
-    sim.add_argument("--protocol", default="auto", choices=["auto", *map(str, range(5, 11))], help="version of the robot")
+    sim.add_argument(
+        "--protocol", default="auto", choices=["auto", *map(str, range(5, 11))], help="version of the robot"
+    )
     sim.add_argument("--scene", help="MJCF file around the arms")
     sim.add_argument("--truth", help="file for what really happens, every cycle (of the first arm)")
     sim.add_argument("--ideal", action="store_true", help="no joint friction, no noise")
     sim.add_argument("--lockstep", action="store_true", help="as fast as this computer can")
     sim.add_argument("--listen", default="127.0.0.1", help="address of the server (default %(default)s)")
-    sim.add_argument("--port", type=int, default=DEFAULT_PORT, help="of the server (default %(default)s; 0: a free one)")
+    sim.add_argument(
+        "--port", type=int, default=DEFAULT_PORT, help="of the server (default %(default)s; 0: a free one)"
+    )
     sim.add_argument("--verbose", action="store_true", help="show what the programs write")
 
     doctor = add("doctor", _doctor, "say what is wrong on this computer, and what to do")
@@ -88,7 +92,9 @@ def _status(options: argparse.Namespace) -> int:
         print()
         if not arm.endpoint:
             good = False
-            _print_rows(f"{number}  {arm.name}", [("robot", arm.address), ("not ready", arm.status or "no reason given")])
+            _print_rows(
+                f"{number}  {arm.name}", [("robot", arm.address), ("not ready", arm.status or "no reason given")]
+            )
             continue
         connection = Connection(options.server, number)
         try:
@@ -102,7 +108,12 @@ def _status(options: argparse.Namespace) -> int:
 
 def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]]:
     robot = state.robot
-    rows = [("robot", f"{_TITLES.get(welcome.model, welcome.model)} at {welcome.address}, protocol {welcome.protocol_version}")]
+    rows = [
+        (
+            "robot",
+            f"{_TITLES.get(welcome.model, welcome.model)} at {welcome.address}, protocol {welcome.protocol_version}",
+        )
+    ]
     mode = proto.RobotMode.Name(robot.robot_mode).lower().replace("_", " ")
     rows.append(("mode", f"{mode}; the server is {_PHASES.get(state.phase, str(state.phase))}"))
     if state.skill_id:
@@ -115,16 +126,22 @@ def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]
     pose = franka_pose_to_rigid_transform(robot.O_T_EE)
     x, y, z = pose.translation
     roll, pitch, yaw = np.degrees(pose.euler_angles)
-    rows.append(("tool", f"x {x:.4f}  y {y:.4f}  z {z:.4f} m   roll {roll:.1f}  pitch {pitch:.1f}  yaw {yaw:.1f} degrees"))
+    rows.append(
+        ("tool", f"x {x:.4f}  y {y:.4f}  z {z:.4f} m   roll {roll:.1f}  pitch {pitch:.1f}  yaw {yaw:.1f} degrees")
+    )
     force = np.array(robot.O_F_ext_hat_K)
-    rows.append(("forces", f"{np.linalg.norm(force[:3]):.1f} N, {np.linalg.norm(force[3:]):.1f} Nm on the tool, as estimated"))
+    rows.append(
+        ("forces", f"{np.linalg.norm(force[:3]):.1f} N, {np.linalg.norm(force[3:]):.1f} Nm on the tool, as estimated")
+    )
     if state.HasField("gripper"):
         held = ", holds something" if state.gripper.is_grasped else ""
         rows.append(("hand", f"{1000 * state.gripper.width:.1f} mm open{held}"))
     else:
         rows.append(("hand", "none"))
     if robot.robot_mode == proto.MOVE:
-        rows.append(("packets", f"{100 * robot.control_command_success_rate:.0f} % of the last 100 commands arrived in time"))
+        rows.append(
+            ("packets", f"{100 * robot.control_command_success_rate:.0f} % of the last 100 commands arrived in time")
+        )
     errors = list(robot.errors) or list(robot.reflex_reason)
     rows.append(("errors", ", ".join(errors) or "none"))
     rows += [("could be better" if i == 0 else "", text) for i, text in enumerate(welcome.deficiencies)]

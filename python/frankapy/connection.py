@@ -139,7 +139,7 @@ class Call:
         self._failure: str | None = None
 
     def first(self) -> proto.Reply:
-        """Wait for the first answer. Raises what an error stands for, FrankaArmCommException when the server is gone."""
+        """Wait for the first answer; raises what an error stands for, FrankaArmCommException when nobody is there."""
         self._first.wait()
         return self._checked(self._first_reply)
 

@@ -89,7 +89,9 @@ def _computer() -> Iterator[Finding]:
         OK if is_realtime else WARN,
         "kernel",
         f"{version}, {'PREEMPT_RT' if is_realtime else 'not a real-time one'}",
-        "" if is_realtime else "Debian: sudo apt install linux-image-rt-amd64. Ubuntu: sudo pro enable realtime-kernel. "
+        ""
+        if is_realtime
+        else "Debian: sudo apt install linux-image-rt-amd64. Ubuntu: sudo pro enable realtime-kernel. "
         "Then restart. Without it packets to the arm are late at times, and at 20 in a row it stops.",
     )
     granted = _may_schedule_in_real_time()
@@ -107,7 +109,9 @@ def _computer() -> Iterator[Finding]:
         "unlimited" if enough else f"at most {soft // 1024} KiB",
         "" if enough else _GROUP_ADVICE,
     )
-    governors = {path.read_text().strip() for path in Path("/sys/devices/system/cpu").glob("cpu*/cpufreq/scaling_governor")}
+    governors = {
+        path.read_text().strip() for path in Path("/sys/devices/system/cpu").glob("cpu*/cpufreq/scaling_governor")
+    }
     good = governors <= {"performance"}
     yield Finding(
         OK if good else WARN,
@@ -150,7 +154,9 @@ def _network(address: str) -> Iterator[Finding]:
         advice = "Use a cable: a wireless network is too slow and too uneven for 1 kHz." if wireless else ""
         yield Finding(BAD if wireless else OK, "network", f"by {interface}", advice)
     if ping := shutil.which("ping"):
-        done = subprocess.run([ping, "-q", "-c", "20", "-i", "0.05", address], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [ping, "-q", "-c", "20", "-i", "0.05", address], capture_output=True, text=True, check=False
+        )
         if times := re.search(r"= [\d.]+/([\d.]+)/([\d.]+)/", done.stdout):
             mean, worst = map(float, times.groups())
             good = worst < 1.0

@@ -525,7 +525,7 @@ class FrankaArm:
         return self._gripper_state().is_grasped
 
     def get_finger_poses(self) -> tuple[RigidTransform, RigidTransform]:
-        """Return the poses of the finger tips: left (along +y of the tool), right; finger_left, finger_right to world."""
+        """Return the poses of the finger tips, finger_left (along +y of the tool) and finger_right to world."""
         state = self.get_arm_state()
         tool = franka_pose_to_rigid_transform(state.robot.O_T_EE).matrix @ self._tool_delta_pose.matrix
         half = self._gripper_state(state).width / 2
@@ -579,9 +579,7 @@ class FrankaArm:
         base = kinematics.turned_about_z(frames[9], kinematics.HAND_YAW)
         tool = base @ self._tool_delta_pose.matrix
         if not use_rigid_transforms:
-            return np.concatenate(
-                [frames, frames[9:], kinematics.turned_about_z(tool, -kinematics.HAND_YAW)[None]]
-            )
+            return np.concatenate([frames, frames[9:], kinematics.turned_about_z(tool, -kinematics.HAND_YAW)[None]])
         hand = kinematics.turned_about_z(frames[8], kinematics.HAND_YAW)
         names = [f"panda_link{i}" for i in range(1, 9)] + ["panda_hand", _TOOL_BASE, _TOOL]
         return [
@@ -827,9 +825,9 @@ def _stop_on_interrupt(arm: FrankaArm) -> None:
     Only where Ctrl-C means KeyboardInterrupt: a handler of the script's own stays, and threads have none.
     """
     _arms.add(arm)
-    if threading.current_thread() is threading.main_thread():
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, _interrupted)
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupted)
 
 
 def _interrupted(signum: int, frame: FrameType | None) -> None:

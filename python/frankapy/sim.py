@@ -129,7 +129,9 @@ class Simulation:
         while not (_is_listening(address, FCI_PORT) and _is_listening(address, GRIPPER_PORT)):
             child.check()
             if time.monotonic() > deadline:
-                raise FrankaArmException(f"fci-sim does not listen on {address} after {_START_TIME:.0f} s.{child.tail()}")
+                raise FrankaArmException(
+                    f"fci-sim does not listen on {address} after {_START_TIME:.0f} s.{child.tail()}"
+                )
             time.sleep(0.01)
         return address
 
@@ -279,7 +281,9 @@ def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: 
         if rows is not None and (until is None or (len(rows) and rows["message_id"][-1] >= until)):
             return rows
         if time.monotonic() > deadline:
-            raise FrankaArmException(f"{os.fspath(path)} has no cycle {until or 0} after {timeout:g} s: does fci-sim run?")
+            raise FrankaArmException(
+                f"{os.fspath(path)} has no cycle {until or 0} after {timeout:g} s: does fci-sim run?"
+            )
         time.sleep(0.05)
 
 

@@ -61,7 +61,10 @@ REFUSED = {
         lambda fa: fa.goto_pose(pose(0.74, 0.45, 0.95), ignore_virtual_walls=True),
         "(?i)reach",
     ),
-    "pose: 3 m away": (lambda fa: fa.goto_pose(pose(3, 0, 0.4), ignore_virtual_walls=True), "position.*expected -2 to 2"),
+    "pose: 3 m away": (
+        lambda fa: fa.goto_pose(pose(3, 0, 0.4), ignore_virtual_walls=True),
+        "position.*expected -2 to 2",
+    ),
     "delta: wrong frames": (
         lambda fa: fa.goto_pose_delta(pose(0, 0, 0.1, "franka_tool", "world")),
         "expected franka_tool to franka_tool or world to world",
@@ -71,12 +74,13 @@ REFUSED = {
         "virtual walls",
     ),
     "delta: out of reach": (
-        lambda fa: fa.goto_pose_delta(
-            pose(0.9, 0, 0, "world", "world", np.eye(3)), ignore_virtual_walls=True
-        ),
+        lambda fa: fa.goto_pose_delta(pose(0.9, 0, 0, "world", "world", np.eye(3)), ignore_virtual_walls=True),
         "(?i)reach",
     ),
-    "tool: wrong frames": (lambda fa: fa.set_tool_delta_pose(pose(0, 0, 0.1)), "expected franka_tool to franka_tool_base"),
+    "tool: wrong frames": (
+        lambda fa: fa.set_tool_delta_pose(pose(0, 0, 0.1)),
+        "expected franka_tool to franka_tool_base",
+    ),
     "gripper: too wide": (lambda fa: fa.goto_gripper(0.09), "width is 0.09 m: expected 0 to 0.08"),
     "gripper: negative": (lambda fa: fa.goto_gripper(-0.01), "width is -0.01 m"),
     "gripper: NaN": (lambda fa: fa.goto_gripper(np.nan), "width is nan"),

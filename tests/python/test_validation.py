@@ -70,7 +70,9 @@ def test_every_array_of_the_right_length_is_one(value):
     np.testing.assert_array_equal(vector("joints", value, 3), [1, 2, 3])
 
 
-@pytest.mark.parametrize("value", [None, 3, [1, 2], [[1, 2, 3]], "abc", [1, 2, "x"], [1, 2, np.nan], [1, [2], 3], [1, 2, None]])
+@pytest.mark.parametrize(
+    "value", [None, 3, [1, 2], [[1, 2, 3]], "abc", [1, 2, "x"], [1, 2, np.nan], [1, [2], 3], [1, 2, None]]
+)
 def test_what_is_no_such_array_is_refused_by_name(value):
     with pytest.raises(ValueError, match="joints"):
         vector("joints", value, 3)
