@@ -23,7 +23,7 @@ build: $(BUILD)/build.ninja ## configure and compile everything
 	cmake --build $(BUILD) -j $(JOBS)
 
 demo: $(BUILD)/build.ninja $(VENV)/.frankapy ## watch a Python script move a simulated arm
-	cmake --build $(BUILD) -j $(JOBS) --target franka-interface fci-sim wire_proto
+	cmake --build $(BUILD) -j $(JOBS) --target franka-interface fci-sim fci-render wire_proto
 	$(VENV)/bin/python examples/demo.py
 
 test: build $(VENV)/.frankapy ## run the C++ and the Python tests
