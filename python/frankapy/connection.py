@@ -82,7 +82,7 @@ def list_arms(server: str | None = None) -> list[proto.Arms.Arm]:
         dealer.linger = 0
         dealer.connect(f"tcp://{host}:{port}")
         dealer.send(proto.Request(request_id=1, list_arms=proto.ListArms()).SerializeToString())
-        if not dealer.poll(_SILENCE * 1000):
+        if not dealer.poll(int(1000 * _SILENCE)):
             raise FrankaArmCommException(
                 f"Something listens at {host}:{port} but does not answer as franka-interface does: is it another "
                 f"program, or another version of it?"
@@ -153,10 +153,13 @@ class Call:
             and reply.error.code == proto.Error.UNKNOWN_CLIENT
         )
 
-    def last(self, timeout: float | None = None) -> proto.Reply | None:
+    def last(self, timeout: float) -> proto.Reply | None:
         """Wait for the last answer; None when it has not come after `timeout` (s). Raises as `first` does."""
-        if not self._last.wait(timeout):
-            return None
+        return self.final() if self._last.wait(timeout) else None
+
+    def final(self) -> proto.Reply:
+        """Wait for the last answer, however long. Raises as `first` does."""
+        self._last.wait()
         return self._checked(self._last_reply)
 
     def _checked(self, reply: proto.Reply | None) -> proto.Reply:
@@ -249,7 +252,7 @@ class _Channel:
         while not reason:
             now = time.monotonic()
             wait = max(0.0, next_alive - now) if commands or pending else None
-            ready = dict(poller.poll(None if wait is None else 1000 * wait + 1))
+            ready = dict(poller.poll(None if wait is None else int(1000 * wait) + 1))
             if self._wake_read in ready:
                 os.read(self._wake_read, 4096)
             while self._outgoing:

@@ -135,7 +135,7 @@ class FrankaArm:
             try:
                 phase = self.get_arm_state().phase
                 if phase == proto.ERROR:
-                    self._connection.ask(proto.Request(recover=proto.Recover()))
+                    self._server.ask(proto.Request(recover=proto.Recover()))
                 elif phase not in (proto.CONNECTING, proto.RECOVERING):
                     return
                 reason = f"its phase is {proto.Phase.Name(phase)}"
@@ -168,7 +168,7 @@ class FrankaArm:
         """Bring the arm to rest, whoever moves it, and wait until the skill of this client has ended."""
         if self._offline:
             return
-        self._connection.ask(proto.Request(stop_skill=proto.StopSkill()))
+        self._server.ask(proto.Request(stop_skill=proto.StopSkill()))
         self.wait_for_skill()
 
     def wait_for_gripper(self) -> None:
@@ -456,7 +456,7 @@ class FrankaArm:
                 O_F_ext_hat_K=zeros[:6], O_dP_EE_c=zeros[:6],
             )  # fmt: skip
             return proto.ArmState(robot=robot, gripper=proto.GripperState(width=0, is_grasped=False))
-        return self._connection.ask(proto.Request(get_state=proto.GetState())).state
+        return self._server.ask(proto.Request(get_state=proto.GetState())).state
 
     def stream_states(self) -> StateStream:
         """Return the arm's states from now on, one for each cycle of 1 ms.
@@ -465,8 +465,7 @@ class FrankaArm:
             >>> with fa.stream_states() as states:
             ...     print(states.receive().robot.q)
         """
-        self._refuse_offline("stream_states")
-        return StateStream(self._connection.welcome.state_endpoint)
+        return StateStream(self._server.welcome.state_endpoint)
 
     def get_robot_state(self) -> dict[str, Any]:
         """Return the state as a dictionary of the published interface.
@@ -617,22 +616,22 @@ class FrankaArm:
             raise FrankaArmArgumentError("Cannot send another command when the previous skill is active!")
         request = proto.Request(start_skill=proto.StartSkill(skill=skill))
         try:
-            call = self._connection.start(request)
+            call = self._server.start(request)
         except FrankaArmFrankaInterfaceNotReadyException as error:
             if not ignore_errors:
                 raise
             logger.warning("%s The arm is told to recover.", error.message)
             self.wait_for_franka_interface()
-            call = self._connection.start(request)
+            call = self._server.start(request)
         motion = self._motion = _Motion(call, description)
         if block:
             self._wait(motion, ignore_errors)
 
     def _wait(self, motion: _Motion, ignore_errors: bool) -> None:
         try:
-            motion.call.last()
+            motion.call.final()
         except KeyboardInterrupt:
-            self._connection.send(proto.Request(stop_skill=proto.StopSkill()))
+            self._server.send(proto.Request(stop_skill=proto.StopSkill()))
             motion.call.last(_STOP_TIME)
             self._finish(motion, ignore_errors=True)
             raise
@@ -671,21 +670,20 @@ class FrankaArm:
         if self._offline:
             logger.warning("The gripper stays: this FrankaArm is offline.")
             return
-        call = self._gripping = self._connection.start(proto.Request(gripper=command))
+        call = self._gripping = self._server.start(proto.Request(gripper=command))
         if block:
             self._wait_for_gripper(call, ignore_errors)
 
     def _wait_for_gripper(self, call: Call, ignore_errors: bool) -> None:
         try:
-            reply = call.last()
+            result = call.final().gripper_result
         except KeyboardInterrupt:
             stop = proto.GripperCommand(stop=proto.GripperCommand.StopGripper())
-            self._connection.send(proto.Request(gripper=stop))
+            self._server.send(proto.Request(gripper=stop))
             call.last(_STOP_TIME)
             raise
         if self._gripping is call:
             self._gripping = None
-        result = reply.gripper_result
         if not result.success:
             message = f"The gripper did not succeed: {result.message or 'it gave no reason'}"
             if not ignore_errors:
@@ -753,9 +751,11 @@ class FrankaArm:
                 "was not started."
             )
 
-    def _refuse_offline(self, what: str) -> None:
-        if self._offline:
-            raise FrankaArmException(f"{what} needs a server, and this FrankaArm is offline.")
+    @property
+    def _server(self) -> Connection:
+        if self._connection is None:
+            raise FrankaArmException("This needs a server, and this FrankaArm is offline.")
+        return self._connection
 
 
 # --- arguments -------------------------------------------------------------------------------------------------------

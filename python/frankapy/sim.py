@@ -244,8 +244,8 @@ def program(name: str) -> str:
     for folder in folders:
         if folder and os.access(path := Path(folder) / name, os.X_OK) and path.is_file():
             return str(path)
-    if path := shutil.which(name):
-        return path
+    if found := shutil.which(name):
+        return found
     raise FrankaArmException(
         f"{name} is not built: run `make build` in the repository, or say in {PROGRAMS_VARIABLE} which folder it is in."
     )
