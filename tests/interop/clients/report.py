@@ -1,0 +1,91 @@
+"""What the programs of this folder share: profiles to command, and the report to the one who started them.
+
+They run in the environments of their peers, so this needs NumPy and nothing else.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+
+import numpy as np
+
+TIME = 1.0  # s of a motion
+JOINT = 6  # the joint that moves
+ANGLE = 0.1  # rad
+DISTANCE = 0.05  # m
+
+
+def profile(t: float) -> tuple[float, float]:
+    """From 0 to 1 in TIME, at rest at both ends with no acceleration: value and rate (1/s)."""
+    s = min(max(t / TIME, 0.0), 1.0)
+    rate = 0.0 if t >= TIME else 30 * s**2 * (1 - s) ** 2 / TIME
+    return s**3 * (10 - 15 * s + 6 * s**2), rate
+
+
+def joint_velocity(t: float) -> list[float]:
+    """rad/s (7,)"""
+    dq = [0.0] * 7
+    dq[JOINT] = ANGLE * profile(t)[1]
+    return dq
+
+
+def joint_position(start: list[float], t: float) -> list[float]:
+    """rad (7,)"""
+    q = list(start)
+    q[JOINT] += ANGLE * profile(t)[0]
+    return q
+
+
+def pose(start: list[float], t: float) -> list[float]:
+    """Column-major (16,), up by DISTANCE"""
+    moved = list(start)
+    moved[14] += DISTANCE * profile(t)[0]
+    return moved
+
+
+def twist(t: float) -> list[float]:
+    """m/s and rad/s (6,)"""
+    return [0.0, 0.0, DISTANCE * profile(t)[1], 0.0, 0.0, 0.0]
+
+
+def torque(start: list[float], q: list[float], dq: list[float], t: float) -> list[float]:
+    """Joint impedance along joint_position, N m (7,)"""
+    stiffness = np.array([600, 600, 600, 600, 250, 150, 150])
+    error = np.array(joint_position(start, t)) - np.array(q)
+    damping = 0.8 * np.sqrt(stiffness)
+    return list(stiffness * error + damping * (np.array(joint_velocity(t)) - np.array(dq)))
+
+
+def expect(what: str, value: float, wanted: float, tolerance: float) -> None:
+    """Raise AssertionError when a value is not where it should be."""
+    if not abs(value - wanted) <= tolerance:
+        raise AssertionError(f"{what} is {value:.5f}, and should be {wanted:.5f} within {tolerance:g}")
+
+
+def expect_joint(start: list[float], end: list[float], tolerance: float = 0.003) -> None:
+    """Raise unless JOINT has moved by ANGLE and the others have stayed."""
+    for i in range(7):
+        expect(f"joint {i + 1}", end[i] - start[i], ANGLE if i == JOINT else 0.0, tolerance)
+
+
+def expect_raised(start: list[float], end: list[float], tolerance: float = 0.003) -> None:
+    """Raise unless the tool has moved up by DISTANCE."""
+    for i, axis in enumerate("xyz"):
+        expect(axis, end[12 + i] - start[12 + i], DISTANCE if axis == "z" else 0.0, tolerance)
+    turned = np.array(start).reshape(4, 4)[:3, :3] @ np.array(end).reshape(4, 4)[:3, :3].T
+    angle = math.acos(min(1.0, (np.trace(turned) - 1) / 2))
+    expect("turn", angle, 0.0, 0.01)
+
+
+def run(capabilities: list[tuple[str, Callable[[], None]]]) -> None:
+    """Try each capability; one line `name <tab> OK or FAIL <tab> why` for each."""
+    failed = False
+    for name, attempt in capabilities:
+        try:
+            attempt()
+            print(name, "OK", "", sep="\t", flush=True)
+        except Exception as error:  # noqa: BLE001 - whatever a peer throws is a result
+            failed = True
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            print(name, "FAIL", why, sep="\t", flush=True)
+    sys.exit(failed)
