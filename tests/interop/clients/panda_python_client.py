@@ -185,7 +185,8 @@ def gripper_stop():
 
     mover = threading.Thread(target=move)
     mover.start()
-    time.sleep(0.3)
+    while hand.read_once().width < 0.002:
+        time.sleep(0.01)
     hand.stop()
     mover.join()
     if not errors:

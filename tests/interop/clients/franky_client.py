@@ -1,0 +1,139 @@
+"""franky-control 2.0.0 (libfranka 0.21.2, protocol 10): `franky_client.py ADDRESS`."""
+
+import sys
+import time
+
+import franky
+import report
+
+ADDRESS = sys.argv[1]
+robot = franky.Robot(ADDRESS, realtime_config=franky.RealtimeConfig.Ignore)
+robot.relative_dynamics_factor = 0.2
+robot.recover_from_errors()
+
+
+def joints():
+    return list(robot.current_joint_state.position)
+
+
+def tool():
+    """Column-major (16,)"""
+    return list(robot.current_cartesian_state.pose.end_effector_pose.matrix.T.flatten())
+
+
+def joint_motion():
+    start = joints()
+    robot.move(franky.JointMotion(report.joint_position(start, report.TIME)))
+    report.expect_joint(start, joints(), 0.01)
+
+
+def joint_waypoints():
+    start = joints()
+    away = report.joint_position(start, report.TIME)
+    robot.move(franky.JointWaypointMotion([franky.JointWaypoint(away), franky.JointWaypoint(start)]))
+    for i, (q, wanted) in enumerate(zip(joints(), start, strict=True)):
+        report.expect(f"joint {i + 1}", q, wanted, 0.01)
+
+
+def joint_velocity():
+    start = joints()
+    velocity = [0.0] * 7
+    velocity[report.JOINT] = 0.1
+    robot.move(franky.JointVelocityMotion(velocity, franky.Duration(1000)))
+    robot.move(franky.JointVelocityStopMotion())
+    moved = joints()[report.JOINT] - start[report.JOINT]
+    if not 0.05 < moved < 0.2:
+        raise AssertionError(f"the joint moved by {moved:.3f} rad")
+
+
+def cartesian_motion():
+    start = tool()
+    up = franky.Affine([0.0, 0.0, report.DISTANCE])
+    robot.move(franky.CartesianMotion(franky.Affine([0, 0, -report.DISTANCE]), franky.ReferenceType.Relative))
+    report.expect_raised(start, tool())  # the tool's z points down
+    robot.move(franky.CartesianMotion(up, franky.ReferenceType.Relative))
+
+
+def cartesian_velocity():
+    start = tool()
+    robot.move(franky.CartesianVelocityMotion(franky.Twist([0.0, 0.0, 0.05]), franky.Duration(1000)))
+    robot.move(franky.CartesianVelocityStopMotion())
+    rise = tool()[14] - start[14]
+    if not 0.02 < rise < 0.12:
+        raise AssertionError(f"the tool rose by {rise:.3f} m")
+
+
+def impedance():
+    start = joints()
+    robot.set_joint_impedance([3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0])
+    robot.move(franky.JointMotion(report.joint_position(start, report.TIME)))
+    report.expect_joint(start, joints(), 0.01)
+
+
+def stop():
+    """A motion that another one replaces while it runs."""
+    start = joints()
+    robot.move(franky.JointMotion(report.joint_position(start, report.TIME)), asynchronous=True)
+    time.sleep(0.2)
+    robot.move(franky.JointStopMotion())
+    state = robot.current_joint_state
+    report.expect("joint velocity", max(abs(v) for v in state.velocity), 0.0, 0.05)
+
+
+def cancel():
+    """A motion that is cancelled from outside."""
+    start = joints()
+    robot.move(franky.JointMotion(report.joint_position(start, report.TIME)), asynchronous=True)
+    time.sleep(0.1)
+    robot.stop()
+    try:
+        robot.join_motion(1.0)
+    except franky.ControlException as error:
+        if "preempted" not in str(error):
+            raise
+    robot.recover_from_errors()
+    robot.move(franky.JointMotion(start))
+    report.expect("joint", joints()[report.JOINT], start[report.JOINT], 0.01)
+
+
+def torque():
+    start = joints()
+    robot.move(franky.JointImpedanceMotion(report.joint_position(start, report.TIME)), asynchronous=True)
+    time.sleep(1.5)
+    robot.move(franky.TorqueStopMotion())
+    report.expect("joint", joints()[report.JOINT] - start[report.JOINT], report.ANGLE, 0.05)
+
+
+def recovery():
+    robot.recover_from_errors()
+    if robot.has_errors:
+        raise AssertionError("errors after recovery")
+
+
+def gripper():
+    hand = franky.Gripper(ADDRESS)
+    hand.homing()
+    report.expect("max_width", hand.max_width, 0.08, 0.001)
+    hand.move(0.03, 0.1)
+    report.expect("width", hand.width, 0.03, 0.001)
+    hand.open(0.1)
+    report.expect("width", hand.width, 0.08, 0.001)
+    if hand.grasp(0.02, 0.1, 20.0, epsilon_inner=0.005, epsilon_outer=0.005):
+        raise AssertionError("air was grasped")
+
+
+report.run(
+    [
+        ("joint motion", joint_motion),
+        ("joint waypoints", joint_waypoints),
+        ("joint velocity", joint_velocity),
+        ("cartesian motion", cartesian_motion),
+        ("cartesian velocity", cartesian_velocity),
+        ("joint impedance setter", impedance),
+        ("stop motion", stop),
+        ("cancel", cancel),
+        ("torque", torque),
+        ("recovery", recovery),
+        ("gripper", gripper),
+    ]
+)
