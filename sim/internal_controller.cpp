@@ -41,7 +41,7 @@ InternalController::Vector7 InternalController::cartesian_impedance(
     const MotionGenerator::Desired& desired) {
   const Eigen::Matrix4d F_T_K = F_T_EE * EE_T_K;
   const Eigen::Matrix4d O_T_K = model.O_T_F() * F_T_K;
-  const Eigen::Matrix4d O_T_K_d = desired.O_T_EE_c * EE_T_K;
+  const Eigen::Matrix4d O_T_K_d = desired.O_T_EE_d * EE_T_K;
   const ArmModel::Matrix67 J = model.jacobian(F_T_K.topRightCorner<3, 1>());
 
   Vector6 error;

@@ -30,7 +30,7 @@ void MotionGenerator::start(Mode mode, const Vector7& q, const Eigen::Matrix4d& 
   desired_.dq.setZero();
   desired_.ddq.setZero();
   model_.update_kinematics(q);
-  desired_.O_T_EE_c = model_.O_T_F() * F_T_EE_;
+  desired_.O_T_EE_d = desired_.O_T_EE_c = model_.O_T_F() * F_T_EE_;
   desired_.O_dP_EE_c.setZero();
   desired_.O_ddP_EE_c.setZero();
   q3_ = q[2];
@@ -79,8 +79,7 @@ Eigen::Matrix4d MotionGenerator::moved(const Vector6& velocity) const {
 
 void MotionGenerator::move_joints(const Vector7& q) {
   differentiate(q);
-  model_.update_kinematics(q);
-  set_pose(model_.O_T_F() * F_T_EE_);
+  set_pose(desired_.O_T_EE_d);
   set_elbow(q);
 }
 
@@ -96,6 +95,8 @@ void MotionGenerator::differentiate(const Vector7& q) {
   desired_.ddq = (dq - desired_.dq) / kDt;
   desired_.dq = dq;
   desired_.q = q;
+  model_.update_kinematics(q);
+  desired_.O_T_EE_d = model_.O_T_F() * F_T_EE_;
 }
 
 void MotionGenerator::set_pose(const Eigen::Matrix4d& pose) {

@@ -15,7 +15,8 @@ class MotionGenerator {
  public:
   struct Desired {
     Eigen::Matrix<double, 7, 1> q, dq, ddq;
-    Eigen::Matrix4d O_T_EE_c;
+    Eigen::Matrix4d O_T_EE_c;  // commanded; of q in joint motions
+    Eigen::Matrix4d O_T_EE_d;  // of q
     Eigen::Matrix<double, 6, 1> O_dP_EE_c, O_ddP_EE_c;
     std::array<double, 2> elbow_c, delbow_c, ddelbow_c;
   };

@@ -29,7 +29,6 @@ constexpr const char* kFloorOnly = R"(
 // The arm touches its surroundings and not itself: parts of it that cross are the business of the robot's self-collision
 // avoidance, and neighbouring capsules overlap by design.
 constexpr int kArmContype = 1, kArmConaffinity = 0;
-constexpr int kCollisionGroup = 3, kVisualGroup = 2;
 
 // Contacts of the arm are stiff: a time constant of four cycles is some 10^5 N/m at the hand. Rubber on the fingertips;
 // condim 4 adds friction against turning about the normal, since a flat pad is more than points.
@@ -187,6 +186,67 @@ void set_physics(mjOption& option, double timestep) {
   option.disableflags = mjDSBL_AUTORESET;
 }
 
+struct Colour {
+  const char* name;
+  std::array<float, 3> rgb;
+  float specular, shininess;
+};
+constexpr std::array<Colour, 7> kColours = {{{"white", {0.95f, 0.95f, 0.95f}, 0.35f, 0.6f},
+                                             {"black", {0.13f, 0.13f, 0.14f}, 0.35f, 0.5f},
+                                             {"grey", {0.70f, 0.71f, 0.72f}, 0.35f, 0.5f},
+                                             {"steel", {0.85f, 0.87f, 0.88f}, 0.50f, 0.7f},
+                                             {"red", {0.85f, 0.10f, 0.07f}, 0.35f, 0.5f},
+                                             {"green", {0.15f, 0.65f, 0.20f}, 0.35f, 0.5f},
+                                             {"blue", {0.05f, 0.45f, 0.75f}, 0.35f, 0.5f}}};
+
+// Parts of FR3's visual meshes: file without _vis.obj, body, colour.
+struct Part {
+  const char* file;
+  const char* body;
+  const char* colour;
+};
+constexpr std::array<Part, 37> kParts = {{
+    {"link0_0", "link0", "black"},  {"link0_1", "link0", "white"},   {"link0_2", "link0", "white"},
+    {"link0_3", "link0", "white"},  {"link0_4", "link0", "white"},   {"link0_5", "link0", "red"},
+    {"link0_6", "link0", "black"},  {"link1", "link1", "white"},     {"link2", "link2", "white"},
+    {"link3_0", "link3", "white"},  {"link3_1", "link3", "black"},   {"link4_0", "link4", "white"},
+    {"link4_1", "link4", "black"},  {"link5_0", "link5", "white"},   {"link5_1", "link5", "white"},
+    {"link5_2", "link5", "black"},  {"link6_0", "link6", "green"},   {"link6_1", "link6", "white"},
+    {"link6_2", "link6", "white"},  {"link6_3", "link6", "grey"},    {"link6_4", "link6", "red"},
+    {"link6_5", "link6", "white"},  {"link6_6", "link6", "black"},   {"link6_7", "link6", "blue"},
+    {"link7_0", "link7", "black"},  {"link7_1", "link7", "white"},   {"link7_2", "link7", "white"},
+    {"link7_3", "link7", "black"},  {"hand_0", "hand", "steel"},     {"hand_1", "hand", "black"},
+    {"hand_2", "hand", "black"},    {"hand_3", "hand", "white"},     {"hand_4", "hand", "steel"},
+    {"finger_0", "finger1", "steel"}, {"finger_1", "finger1", "black"}, {"finger_0", "finger2", "steel"},
+    {"finger_1", "finger2", "black"},
+}};
+
+void add_meshes(mjSpec* spec, const std::string& folder) {
+  for (const Colour& colour : kColours) {
+    mjsMaterial* material = mjs_addMaterial(spec, nullptr);
+    mjs_setName(material->element, colour.name);
+    std::copy(colour.rgb.begin(), colour.rgb.end(), material->rgba);
+    material->specular = colour.specular;
+    material->shininess = colour.shininess;
+  }
+  for (const Part& part : kParts) {
+    mjsBody* body = mjs_findBody(spec, part.body);
+    if (!body) continue;  // without a hand
+    if (!mjs_findElement(spec, mjOBJ_MESH, part.file)) {
+      mjsMesh* mesh = mjs_addMesh(spec, nullptr);
+      mjs_setName(mesh->element, part.file);
+      mjs_setString(mesh->file, (std::filesystem::absolute(folder) / (std::string(part.file) + "_vis.obj")).c_str());
+    }
+    mjsGeom* geom = mjs_addGeom(body, nullptr);
+    geom->type = mjGEOM_MESH;
+    mjs_setString(geom->meshname, part.file);
+    mjs_setString(geom->material, part.colour);
+    geom->contype = geom->conaffinity = 0;
+    geom->mass = 0;
+    geom->group = kVisualGroup;
+  }
+}
+
 // The compiler refuses, or changes, an inertia whose principal moments no distribution of mass has (A + B < C), as that of
 // FER's identified link4. Puts the figures back: the arm is to move as its own model says.
 void restore_inertia(mjModel* model, const models::Arm& arm) {
@@ -203,7 +263,8 @@ void restore_inertia(mjModel* model, const models::Arm& arm) {
 
 }  // namespace
 
-ModelPtr build_scene(const models::Arm& arm, bool hand, const std::string& scene, double timestep) {
+ModelPtr build_scene(const models::Arm& arm, bool hand, const std::string& scene, double timestep,
+                     const std::string& meshes) {
   SpecPtr spec = read_scene(scene);
   const std::string title = scene.empty() ? "floor" : "scene " + scene;
 
@@ -214,6 +275,7 @@ ModelPtr build_scene(const models::Arm& arm, bool hand, const std::string& scene
                              "\" pos=\"x y z\"/> in its worldbody, where the base is to stand");
   }
   SpecPtr child = arm_spec(arm, hand);
+  if (!meshes.empty()) add_meshes(child.get(), meshes);
   if (!mjs_attach(place, mjs_findBody(child.get(), "link0")->element, kArmPrefix, "")) {
     throw std::runtime_error(title + ": the arm could not be placed in it: " + mjs_getError(spec.get()));
   }

@@ -25,8 +25,13 @@ inline constexpr const char* kArmSite = "arm";
 inline constexpr const char* kArmPrefix = "arm/";
 
 // The arm (with its hand, if asked for) in a scene: an MJCF file, or a bare floor when the name is empty. The scene's
-// physics options (time step, solver, gravity) are replaced by ours; timestep in s. Throws std::runtime_error which
-// names the file and what is missing or wrong in it.
-ModelPtr build_scene(const models::Arm& arm, bool hand, const std::string& scene, double timestep = 1e-3);
+// physics options (time step, solver, gravity) are replaced by ours; timestep in s. `meshes`: folder of FR3's visual
+// meshes (link0_0_vis.obj and so on), for pictures; without it the arm looks like its collision geometry. Throws
+// std::runtime_error which names the file and what is missing or wrong in it.
+ModelPtr build_scene(const models::Arm& arm, bool hand, const std::string& scene, double timestep = 1e-3,
+                     const std::string& meshes = "");
+
+// Groups of the arm's geoms.
+inline constexpr int kCollisionGroup = 3, kVisualGroup = 2;
 
 }  // namespace sim

@@ -7,12 +7,12 @@
 namespace sim {
 namespace {
 
-constexpr std::uint64_t kRowsPerFlush = 1000;
+constexpr std::uint64_t kRowsPerFlush = 100;  // some 80 kB: short enough to write within a cycle
 constexpr std::size_t kCountWidth = 20;  // digits kept free for the number of rows
 
 }  // namespace
 
-TruthFile::TruthFile(const std::string& path, const World& world) {
+TruthFile::TruthFile(const std::string& path, const World& world) : path_(path) {
   file_ = std::fopen(path.c_str(), "wb");
   if (file_ == nullptr) {
     throw std::runtime_error("cannot write the truth file " + path + ": " + std::strerror(errno));
@@ -78,7 +78,13 @@ void TruthFile::append(const World& world, std::uint64_t message_id, bool moving
   put(truth.contact_wrench);
   for (std::size_t i = 0; i < objects_; ++i) put(world.object_pose(i));
   put(world.qpos());
-  if (++rows_ % kRowsPerFlush == 0) flush();
+  if (++rows_ % kRowsPerFlush == 0) {
+    flush();
+    if (std::ferror(file_)) {
+      throw std::runtime_error("cannot go on writing the truth file " + path_ + " after " + std::to_string(rows_) +
+                               " cycles: " + std::strerror(errno));
+    }
+  }
 }
 
 void TruthFile::flush() {

@@ -11,7 +11,7 @@ namespace sim {
 // What really happened, one row a cycle, as a NumPy file: `numpy.load(path)` gives a structured array
 // with the fields message_id, moving, time, q, dq, ddq, tau_motor, tau_J, finger, finger_force, O_T_TCP,
 // contact_wrench, one field object_NAME (position, quaternion w x y z) for each free body of the scene,
-// and qpos as MuJoCo has it. The number of rows in its header is brought up to date every second and at
+// and qpos as MuJoCo has it. The number of rows in its header is brought up to date every 0.1 s and at
 // the end, so the file can be read at any time, also after its writer was killed.
 class TruthFile {
  public:
@@ -20,13 +20,14 @@ class TruthFile {
   ~TruthFile();
   TruthFile(const TruthFile&) = delete;
 
-  // One cycle; `moving` is whether a motion of the robot was active.
+  // One cycle; `moving` is whether a motion of the robot was active. Throws std::runtime_error when the disk takes no more.
   void append(const World& world, std::uint64_t message_id, bool moving);
 
  private:
   void write_header();
   void flush();
 
+  std::string path_;
   std::FILE* file_ = nullptr;
   std::string fields_;           // of the dtype, as Python source
   std::size_t header_size_ = 0;  // bytes
