@@ -242,10 +242,10 @@ Received FciDriver::receive(fci::RobotState& state) noexcept {
   }
 }
 
-// The datagram with the greatest message_id is the state; the others, and what is no state, are counted.
+// The state with the greatest message_id counts; what is no state, or came too late, is counted.
 bool FciDriver::take_newest(int datagrams, fci::RobotState& state) noexcept {
   bool found = false;
-  for (int i = datagrams - 1; i >= 0; --i) {
+  for (int i = 0; i < datagrams; ++i) {
     const mmsghdr& header = in_.headers[i];
     if (in_.from[i].sin_addr.s_addr != peer_.address.sin_addr.s_addr) {
       ++counters_.foreign;
@@ -258,7 +258,7 @@ bool FciDriver::take_newest(int datagrams, fci::RobotState& state) noexcept {
     std::uint64_t message_id;
     std::memcpy(&message_id, in_.bytes[i].data(), sizeof(message_id));
     if (any_state_ && message_id <= newest_) {
-      if (!found) ++counters_.old;  // those behind a newer one of the same call are in order
+      ++counters_.old;
       continue;
     }
     if (!read_state(in_.bytes[i].data(), state)) continue;
