@@ -88,6 +88,7 @@ def _status(options: argparse.Namespace) -> int:
     arms = list_arms(options.server)
     print(f"franka-interface at {host}:{port}: {len(arms)} arm{'s' * (len(arms) != 1)}")
     good = True
+    deficiencies: list[str] = []
     for number, arm in enumerate(arms, 1):
         print()
         if not arm.endpoint:
@@ -103,6 +104,10 @@ def _status(options: argparse.Namespace) -> int:
             connection.close()
         good = good and state.phase not in (proto.ERROR, proto.CONNECTING)
         _print_rows(f"{number}  {arm.name}", _rows(connection.welcome, state))
+        deficiencies += [text for text in connection.welcome.deficiencies if text not in deficiencies]
+    if deficiencies:
+        print()
+        _print_rows("The server's computer could be better", [("", text) for text in deficiencies])
     return 0 if good else 1
 
 
@@ -118,14 +123,14 @@ def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]
     rows.append(("mode", f"{mode}; the server is {_PHASES.get(state.phase, str(state.phase))}"))
     if state.skill_id:
         rows.append(("skill", f"{state.skill_description or 'without a name'}, since {state.skill_time:.1f} s"))
-    rows.append(("joints", "  ".join(f"{round(q, 3) + 0.0:7.3f}" for q in robot.q) + "  rad"))
+    rows.append(("joints", "  ".join(f"{q:7.3f}" for q in np.round(robot.q, 3) + 0.0) + "  rad"))
     limits = welcome.limits
     if len(limits.q_min) == 7:
         share = (np.array(robot.q) - limits.q_min) / (np.array(limits.q_max) - np.array(limits.q_min))
         rows.append(("of range", "  ".join(f"{100 * s:5.0f} %" for s in share)))
     pose = franka_pose_to_rigid_transform(robot.O_T_EE)
-    x, y, z = pose.translation
-    roll, pitch, yaw = np.degrees(pose.euler_angles)
+    x, y, z = pose.translation.round(4) + 0.0  # + 0.0: no "-0"
+    roll, pitch, yaw = np.degrees(pose.euler_angles).round(1) + 0.0
     rows.append(
         ("tool", f"x {x:.4f}  y {y:.4f}  z {z:.4f} m   roll {roll:.1f}  pitch {pitch:.1f}  yaw {yaw:.1f} degrees")
     )
@@ -144,14 +149,14 @@ def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]
         )
     errors = list(robot.errors) or list(robot.reflex_reason)
     rows.append(("errors", ", ".join(errors) or "none"))
-    rows += [("could be better" if i == 0 else "", text) for i, text in enumerate(welcome.deficiencies)]
     return rows
 
 
 def _print_rows(title: str, rows: Sequence[tuple[str, str]]) -> None:
     print(_bold(title))
     for name, value in rows:
-        print(textwrap.fill(value, 112, initial_indent=f"   {name:16}", subsequent_indent=" " * 19))
+        first = f"   {name:16}" if name else "   "
+        print(textwrap.fill(value, 112, initial_indent=first, subsequent_indent=" " * len(first)))
 
 
 # --- sim -------------------------------------------------------------------------------------------------------------

@@ -164,11 +164,10 @@ class RigidTransform:
         )
 
     def linear_trajectory_to(self, target_tf: RigidTransform, traj_len: int) -> list[RigidTransform]:
-        """Return this pose, `traj_len` equally spaced poses on the way to another, and that one."""
+        """Return `traj_len` equally spaced poses, of which this one is the first and the target the last."""
         if traj_len < 0:
             raise ValueError(f"traj_len is {traj_len}: expected at least 0")
-        steps = np.linspace(0, 1, traj_len + 2)
-        return [self.interpolate_with(target_tf, t) for t in steps]
+        return [self.interpolate_with(target_tf, t) for t in np.linspace(0, 1, traj_len)]
 
     def __repr__(self) -> str:
         with np.printoptions(precision=4, suppress=True):

@@ -1,4 +1,4 @@
-"""Laws of RigidTransform: of this package's own class, and of whichever is used."""
+"""Laws of this package's own RigidTransform."""
 
 import numpy as np
 import pytest
@@ -99,7 +99,7 @@ def test_interpolation_goes_straight_and_evenly_the_short_way():
     a, b = random_transform(), random_transform()
     np.testing.assert_allclose(a.interpolate_with(b, 0).matrix, a.matrix, atol=1e-9)
     np.testing.assert_allclose(a.interpolate_with(b, 1).matrix, b.matrix, atol=1e-9)
-    poses = a.linear_trajectory_to(b, 9)
+    poses = a.linear_trajectory_to(b, 11)
     assert len(poses) == 11
     steps = [p.rotation.T @ n.rotation for p, n in zip(poses, poses[1:])]
     angles = [np.arccos(np.clip((np.trace(step) - 1) / 2, -1, 1)) for step in steps]
