@@ -32,8 +32,8 @@ struct Step {
 
 // The motion within one cycle of constant jerk.
 Step constant_jerk(double velocity, double acceleration, double jerk, double dt) {
-  return {dt * (velocity + dt * (acceleration / 2 + dt * jerk / 6)),
-          velocity + dt * (acceleration + dt * jerk / 2), acceleration + dt * jerk};
+  return {dt * (velocity + dt * (acceleration / 2 + dt * jerk / 6)), velocity + dt * (acceleration + dt * jerk / 2),
+          acceleration + dt * jerk};
 }
 
 template <std::size_t N>
@@ -74,8 +74,8 @@ bool is_valid(const Reference& reference) {
     return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
   }
   const CartesianReference& pose = reference.cartesian;
-  return pose.position.allFinite() && std::abs(pose.orientation.norm() - 1) < 1e-6 &&
-         pose.velocity.allFinite() && pose.acceleration.allFinite();
+  return pose.position.allFinite() && std::abs(pose.orientation.norm() - 1) < 1e-6 && pose.velocity.allFinite() &&
+         pose.acceleration.allFinite();
 }
 
 Vector3 limited(const Vector3& x, double length) {
@@ -269,8 +269,7 @@ struct Limiter::Impl {
     std::array<bool, kJoints> pass;
     bool all = true;
     for (int i = 0; i < kJoints; ++i) {
-      pass[i] = std::abs(wanted.dq[i]) <= limits.dq_max[i] &&
-                std::abs(wanted.ddq[i]) <= limits.ddq_max[i] &&
+      pass[i] = std::abs(wanted.dq[i]) <= limits.dq_max[i] && std::abs(wanted.ddq[i]) <= limits.ddq_max[i] &&
                 admissible(i, as_wanted(joints[i], wanted.q[i], dt), dt);
       all &= pass[i] && !joints[i].held;
     }
@@ -399,16 +398,16 @@ struct Limiter::Impl {
   }
 
   // Chooses the step of one part; true when it is what was wanted.
-  bool choose(Part& part, const Vector3& delta, const Vector3& velocity, const Vector3& acceleration,
-              double dt, PartStep& step) noexcept {
+  bool choose(Part& part, const Vector3& delta, const Vector3& velocity, const Vector3& acceleration, double dt,
+              PartStep& step) noexcept {
     const PartStep wanted = as_wanted(part, delta, dt);
-    const bool pass = velocity.norm() <= part.limits.velocity &&
-                      acceleration.norm() <= part.limits.acceleration && admissible(part, wanted, dt);
+    const bool pass = velocity.norm() <= part.limits.velocity && acceleration.norm() <= part.limits.acceleration &&
+                      admissible(part, wanted, dt);
     step = wanted;
     if (pass && !part.held) return true;
     const bool has_follow = follow_step(part, delta, velocity, acceleration, dt, step);
-    part.held = !(pass && has_follow && part_follow.arrives(0, dt) && part_follow.arrives(1, dt) &&
-                  part_follow.arrives(2, dt));
+    part.held =
+        !(pass && has_follow && part_follow.arrives(0, dt) && part_follow.arrives(1, dt) && part_follow.arrives(2, dt));
     if (!part.held) {
       step = wanted;
     } else if (!has_follow || !admissible(part, step, dt)) {
@@ -436,8 +435,8 @@ struct Limiter::Impl {
     const Vector3 turn = log(wanted.orientation * orientation.conjugate());
     const bool pass_position = choose(translation, wanted.position - position, wanted.velocity.head<3>(),
                                       wanted.acceleration.head<3>(), dt, linear);
-    const bool pass_orientation = choose(rotation, turn, wanted.velocity.tail<3>(),
-                                         wanted.acceleration.tail<3>(), dt, angular);
+    const bool pass_orientation =
+        choose(rotation, turn, wanted.velocity.tail<3>(), wanted.acceleration.tail<3>(), dt, angular);
     move(linear, angular, dt);
     if (pass_position) position = wanted.position;
     if (pass_orientation) orientation = wanted.orientation;
@@ -459,8 +458,8 @@ struct Limiter::Impl {
       return from.joint.q == last.joint.q && from.joint.dq == last.joint.dq && from.joint.ddq == last.joint.ddq;
     }
     const CartesianReference &a = from.cartesian, &b = last.cartesian;
-    return a.position == b.position && a.orientation.coeffs() == b.orientation.coeffs() &&
-           a.velocity == b.velocity && a.acceleration == b.acceleration;
+    return a.position == b.position && a.orientation.coeffs() == b.orientation.coeffs() && a.velocity == b.velocity &&
+           a.acceleration == b.acceleration;
   }
 
   void write(Reference& out) const {

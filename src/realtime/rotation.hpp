@@ -24,8 +24,8 @@ inline Vector3 log(const Eigen::Quaterniond& q) {
   const double sign = q.w() < 0 ? -1 : 1;
   const double cosine = std::abs(q.w());
   // 2 atan(x)/sin, by its series where the quotient would lose digits.
-  const double scale = sine > 1e-4 ? 2 * std::atan2(sine, cosine) / sine
-                                   : (2 - 2.0 / 3 * sine * sine / (cosine * cosine)) / cosine;
+  const double scale =
+      sine > 1e-4 ? 2 * std::atan2(sine, cosine) / sine : (2 - 2.0 / 3 * sine * sine / (cosine * cosine)) / cosine;
   return sign * scale * q.vec();
 }
 
@@ -67,9 +67,7 @@ inline RotationVectorRates rotation_vector_rates(const Vector3& r, const Vector3
                                                  const Vector3& acceleration) {
   const double x = r.norm();
   const double C = x > 0.02 ? (1 - x / 2 / std::tan(x / 2)) / (x * x) : 1.0 / 12 + x * x / 720;
-  const auto invert = [&](const Vector3& w) {
-    return Vector3(w - 0.5 * r.cross(w) + C * r.cross(r.cross(w)));
-  };
+  const auto invert = [&](const Vector3& w) { return Vector3(w - 0.5 * r.cross(w) + C * r.cross(r.cross(w))); };
   const Vector3 dr = invert(velocity);
   return {dr, invert(acceleration - rotation_rates(r, dr, Vector3::Zero()).acceleration)};
 }

@@ -59,8 +59,9 @@ double angle_to(const SimulatedArm& arm, const Reference& reference) {
   return realtime::log(reference.cartesian.orientation * orientation(arm).conjugate()).norm();
 }
 
-void run(SimulatedArm& arm, realtime::Controller& law, const Reference& reference, double seconds,
-         const std::function<void()>& each = [] {}, const Vector7& external = Vector7::Zero()) {
+void run(
+    SimulatedArm& arm, realtime::Controller& law, const Reference& reference, double seconds,
+    const std::function<void()>& each = [] {}, const Vector7& external = Vector7::Zero()) {
   Vector7 tau;
   for (int k = 0; k < seconds / SimulatedArm::kDt; ++k) {
     law.step(arm.cycle, reference, tau);
@@ -419,7 +420,8 @@ TEST_P(Controllers, from_joint_to_cartesian_impedance_and_back_the_torque_does_n
   q.joint.q += vector(0.01);
   Vector7 push = Vector7::Zero();
   push << 2, -3, 1, 2, 0.5, -0.5, 0.2;
-  run(with_motors, joint, q, 3, [] {}, push);
+  run(
+      with_motors, joint, q, 3, [] {}, push);
   const Vector7 held = with_motors.tau;
   EXPECT_LT((held + push).norm(), 0.05);
 
@@ -429,7 +431,8 @@ TEST_P(Controllers, from_joint_to_cartesian_impedance_and_back_the_torque_does_n
   Vector7 tau;
   cartesian.step(with_motors.cycle, x, tau);
   EXPECT_LT((tau - held).cwiseAbs().maxCoeff(), 0.05);
-  run(with_motors, cartesian, x, 3, [] {}, push);
+  run(
+      with_motors, cartesian, x, 3, [] {}, push);
   EXPECT_LT(with_motors.dq.norm(), 1e-3);
 
   JointImpedance soft_joint({0.5 * kStiffness, kDamping});
@@ -472,7 +475,8 @@ TEST_P(Controllers, an_axis_without_stiffness_is_free) {
 
 TEST(InternalImpedance, the_robot_controller_follows_from_stiffness_and_reference) {
   using fci::ControllerMode, fci::MotionGeneratorMode;
-  const InternalImpedance plain({}), joint({Vector7(Vector7::Constant(100)), {}}), cartesian({{}, Vector6(Vector6::Constant(200))});
+  const InternalImpedance plain({}), joint({Vector7(Vector7::Constant(100)), {}}),
+      cartesian({{}, Vector6(Vector6::Constant(200))});
   const auto mode = [](const InternalImpedance& law, ReferenceKind kind) { return law.mode(kind); };
   EXPECT_EQ(mode(plain, ReferenceKind::kJoint),
             (robot::Mode{ControllerMode::kJointImpedance, MotionGeneratorMode::kJointPosition}));

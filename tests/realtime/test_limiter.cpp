@@ -49,9 +49,8 @@ struct JointJudge {
   }
   bool obeyed() const { return worst_v <= 1 && worst_a <= 1 && worst_j <= 1 && worst_q <= 0; }
   std::string text() const {
-    return "velocity " + std::to_string(worst_v) + ", acceleration " + std::to_string(worst_a) +
-           ", jerk " + std::to_string(worst_j) + " of the limits, position beyond by " +
-           std::to_string(worst_q);
+    return "velocity " + std::to_string(worst_v) + ", acceleration " + std::to_string(worst_a) + ", jerk " +
+           std::to_string(worst_j) + " of the limits, position beyond by " + std::to_string(worst_q);
   }
 };
 
@@ -81,8 +80,7 @@ struct PoseJudge {
   void judge(const Vector3& v1, Vector3& v0, Vector3& a0, const models::Limits::Rates& rates) {
     const Vector3 a1 = (v1 - v0) / kDt;
     const Vector3 j1 = (a1 - a0) / kDt;
-    worst = std::max({worst, v1.norm() / rates.velocity, a1.norm() / rates.acceleration,
-                      j1.norm() / rates.jerk});
+    worst = std::max({worst, v1.norm() / rates.velocity, a1.norm() / rates.acceleration, j1.norm() / rates.jerk});
     v0 = v1;
     a0 = a1;
   }

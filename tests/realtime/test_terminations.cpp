@@ -132,9 +132,9 @@ TEST_F(Terminations, step_allocates_nothing) {
   FinalPose final_pose({Vector3::Constant(1e-3), 0.01});
   const Progress progress{joints, true, reference};
   const testing_tools::AllocationCounter allocations;
-  for (realtime::Termination* kind : {static_cast<realtime::Termination*>(&time),
-                                      static_cast<realtime::Termination*>(&final_joint),
-                                      static_cast<realtime::Termination*>(&final_pose)}) {
+  for (realtime::Termination* kind :
+       {static_cast<realtime::Termination*>(&time), static_cast<realtime::Termination*>(&final_joint),
+        static_cast<realtime::Termination*>(&final_pose)}) {
     kind->start();
     kind->step(arm.cycle, progress);
   }

@@ -268,8 +268,8 @@ TEST_P(Trajectories, any_motion_passes_the_limiter_unchanged) {
   for (int n = 0; n < 60; ++n) {
     for (const bool moving : {false, true}) {
       for (const bool joint : {true, false}) {
-        const Reference from = joint ? (moving ? joints_moving() : joints_at_rest())
-                                     : (moving ? pose_moving() : pose_at_rest());
+        const Reference from =
+            joint ? (moving ? joints_moving() : joints_at_rest()) : (moving ? pose_moving() : pose_at_rest());
         const double duration = uniform(0.001, 2);
         std::unique_ptr<realtime::TrajectoryGenerator> motion;
         if (joint) {
@@ -296,8 +296,8 @@ TEST_P(Trajectories, uneven_ticks_give_the_same_references_at_the_same_times) {
   MinJerkJoint joint({posture(0.9), 1}, limits);
   MinJerkPose pose({0.5 * direction(), realtime::exp(2 * direction()), 1}, limits);
   const Reference from_joint = joints_moving(), from_pose = pose_moving();
-  for (realtime::TrajectoryGenerator* motion : {static_cast<realtime::TrajectoryGenerator*>(&joint),
-                                                static_cast<realtime::TrajectoryGenerator*>(&pose)}) {
+  for (realtime::TrajectoryGenerator* motion :
+       {static_cast<realtime::TrajectoryGenerator*>(&joint), static_cast<realtime::TrajectoryGenerator*>(&pose)}) {
     const Reference& from = motion == &joint ? from_joint : from_pose;
     std::vector<Reference> even;
     motion->start(from);
@@ -386,10 +386,18 @@ TEST_P(Trajectories, each_bad_field_is_refused_by_name_value_and_bound) {
   EXPECT_TRUE(says(refusal([&] { RelativeMinJerkJoint({delta, 1}, limits); }), "delta_q[2] is nan"));
   for (const double bad : {0.0, -1.0, nan, 1e9}) {
     for (const auto& text :
-         {refusal([&] { MinJerkJoint({q, bad}, limits); }),
-          refusal([&] { RelativeMinJerkJoint({Vector7::Zero(), bad}, limits); }),
-          refusal([&] { MinJerkPose({Vector3::Zero(), I, bad}, limits); }),
-          refusal([&] { RelativeMinJerkPose({Vector3::Zero(), I, RelativeMinJerkPose::Frame::kBase, bad}, limits); })}) {
+         {refusal([&] {
+            MinJerkJoint({q, bad}, limits);
+          }),
+          refusal([&] {
+            RelativeMinJerkJoint({Vector7::Zero(), bad}, limits);
+          }),
+          refusal([&] {
+            MinJerkPose({Vector3::Zero(), I, bad}, limits);
+          }),
+          refusal([&] {
+            RelativeMinJerkPose({Vector3::Zero(), I, RelativeMinJerkPose::Frame::kBase, bad}, limits);
+          })}) {
       EXPECT_TRUE(says(text, "duration is ")) << text;
     }
   }
@@ -399,12 +407,14 @@ TEST_P(Trajectories, each_bad_field_is_refused_by_name_value_and_bound) {
   for (const auto& bad : {half, none}) {
     EXPECT_TRUE(says(refusal([&] { MinJerkPose({Vector3::Zero(), bad, 1}, limits); }), "quaternion"));
     EXPECT_TRUE(says(refusal([&] {
-      RelativeMinJerkPose({Vector3::Zero(), bad, RelativeMinJerkPose::Frame::kBase, 1}, limits);
-    }), "quaternion"));
+                       RelativeMinJerkPose({Vector3::Zero(), bad, RelativeMinJerkPose::Frame::kBase, 1}, limits);
+                     }),
+                     "quaternion"));
   }
   EXPECT_TRUE(says(refusal([&] {
-    RelativeMinJerkPose({Vector3(nan, 0, 0), I, RelativeMinJerkPose::Frame::kBase, 1}, limits);
-  }), "translation[0] is nan"));
+                     RelativeMinJerkPose({Vector3(nan, 0, 0), I, RelativeMinJerkPose::Frame::kBase, 1}, limits);
+                   }),
+                   "translation[0] is nan"));
 }
 
 TEST_P(Trajectories, start_and_step_allocate_nothing) {
@@ -417,9 +427,10 @@ TEST_P(Trajectories, start_and_step_allocate_nothing) {
   const Reference from_joint = joints_moving(), from_pose = pose_moving();
   Reference at;
   const testing_tools::AllocationCounter allocations;
-  for (realtime::TrajectoryGenerator* motion :
-       {static_cast<realtime::TrajectoryGenerator*>(&joint), static_cast<realtime::TrajectoryGenerator*>(&relative_joint),
-        static_cast<realtime::TrajectoryGenerator*>(&pose), static_cast<realtime::TrajectoryGenerator*>(&relative_pose)}) {
+  for (realtime::TrajectoryGenerator* motion : {static_cast<realtime::TrajectoryGenerator*>(&joint),
+                                                static_cast<realtime::TrajectoryGenerator*>(&relative_joint),
+                                                static_cast<realtime::TrajectoryGenerator*>(&pose),
+                                                static_cast<realtime::TrajectoryGenerator*>(&relative_pose)}) {
     motion->start(motion->reference_kind() == ReferenceKind::kJoint ? from_joint : from_pose);
     for (int k = 0; k < 1000; ++k) motion->step(k * kDt, at);
   }

@@ -74,8 +74,7 @@ Vector3 shortened(const Vector3& x, double length) {
 
 // D x with D = 2 zeta C^-T sqrt(C^T K C) C^-1 and Lambda = C^-T C^-1: with x = C y the law
 // Lambda x'' + D x' + K x = 0 falls into modes, each of that damping ratio.
-Vector6 damping_force(const Eigen::LLT<Matrix6>& mobility, const Vector6& stiffness, double ratio,
-                      const Vector6& x) {
+Vector6 damping_force(const Eigen::LLT<Matrix6>& mobility, const Vector6& stiffness, double ratio, const Vector6& x) {
   const Matrix6 C = mobility.matrixL();
   Matrix6 B;
   B.noalias() = C.transpose() * stiffness.asDiagonal() * C;
@@ -120,17 +119,16 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
   // The torque before falls into a force at EE and a torque on the null space, as the law's own does.
   const Vector7 tau = cycle.tau_J_d - cycle.model.coriolis();
   const Vector6 force = arm.Lambda(arm.M_inv_Jt.transpose() * tau);
-  const Vector6 spring =
-      force - other_force(cycle, arm, pose, stiffness_, damping_ratio_);
+  const Vector6 spring = force - other_force(cycle, arm, pose, stiffness_, damping_ratio_);
   const Vector6 e = to_reference(cycle, pose);
   Vector6 shift = Vector6::Zero();
   for (int i = 0; i < 6; ++i) {
     if (stiffness_[i] > 0) shift[i] = spring[i] / stiffness_[i] - e[i];
   }
   pose.position += shortened(shift.head<3>(), kMaxShift);
-  pose.orientation = (exp(e.tail<3>() + shortened(shift.tail<3>(), kMaxTurn)) *
-                      Eigen::Quaterniond(cycle.O_T_EE.linear()))
-                         .normalized();
+  pose.orientation =
+      (exp(e.tail<3>() + shortened(shift.tail<3>(), kMaxTurn)) * Eigen::Quaterniond(cycle.O_T_EE.linear()))
+          .normalized();
 
   posture_ = cycle.q;
   if (nullspace_stiffness_ > 0) {
@@ -142,8 +140,8 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
 void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   const Dynamics arm(cycle);
   const CartesianReference& pose = reference.cartesian;
-  const Vector6 force = stiffness_.cwiseProduct(to_reference(cycle, pose)) +
-                        other_force(cycle, arm, pose, stiffness_, damping_ratio_);
+  const Vector6 force =
+      stiffness_.cwiseProduct(to_reference(cycle, pose)) + other_force(cycle, arm, pose, stiffness_, damping_ratio_);
   const double pull = nullspace_stiffness_ * arm.n.dot(posture_ - cycle.q) -
                       nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
   tau_J_d.noalias() = cycle.model.jacobian().transpose() * force;

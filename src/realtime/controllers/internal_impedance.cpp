@@ -39,9 +39,9 @@ InternalImpedance::InternalImpedance(const Parameters& parameters) {
 
 robot::Mode InternalImpedance::mode(ReferenceKind kind) const noexcept {
   using fci::ControllerMode, fci::MotionGeneratorMode;
-  return {settings_.cartesian_impedance ? ControllerMode::kCartesianImpedance : ControllerMode::kJointImpedance,
-          kind == ReferenceKind::kJoint ? MotionGeneratorMode::kJointPosition
-                                        : MotionGeneratorMode::kCartesianPosition};
+  return {
+      settings_.cartesian_impedance ? ControllerMode::kCartesianImpedance : ControllerMode::kJointImpedance,
+      kind == ReferenceKind::kJoint ? MotionGeneratorMode::kJointPosition : MotionGeneratorMode::kCartesianPosition};
 }
 
 }  // namespace realtime

@@ -11,7 +11,7 @@ namespace realtime {
 // starts up with, as a skill before may have changed it.
 class InternalImpedance : public Controller {
  public:
-  struct Parameters {  // at most one of the two
+  struct Parameters {                // at most one of the two
     std::optional<Vector7> K_theta;  // N m/rad, 0 to 14250
     std::optional<Vector6> K_x;      // N/m, 10 to 3000; N m/rad, 1 to 300; about the axes of frame K
   };

@@ -34,8 +34,7 @@ void JointImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
 void JointImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   const JointReference& r = reference.joint;
   tau_J_d.noalias() = cycle.model.mass() * r.ddq;
-  tau_J_d += stiffness_.cwiseProduct(r.q - cycle.q) + damping_.cwiseProduct(r.dq - cycle.dq) +
-             cycle.model.coriolis();
+  tau_J_d += stiffness_.cwiseProduct(r.q - cycle.q) + damping_.cwiseProduct(r.dq - cycle.dq) + cycle.model.coriolis();
 }
 
 }  // namespace realtime

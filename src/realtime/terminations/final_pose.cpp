@@ -6,8 +6,7 @@
 namespace realtime {
 
 FinalPose::FinalPose(const Parameters& parameters)
-    : position_threshold_(parameters.position_threshold),
-      orientation_threshold_(parameters.orientation_threshold) {
+    : position_threshold_(parameters.position_threshold), orientation_threshold_(parameters.orientation_threshold) {
   for (int i = 0; i < 3; ++i) require_within("position_threshold", i, position_threshold_[i], 0, 2, "m");
   require_within("orientation_threshold", -1, orientation_threshold_, 0, 3.2, "rad");
 }

@@ -9,7 +9,7 @@ namespace realtime {
 // Ends at a time of the skill, or a while after its trajectory is over (wherever a stretch put that).
 class Time : public Termination {
  public:
-  struct Parameters {  // one of the two
+  struct Parameters {                        // one of the two
     std::optional<double> seconds;           // s, >= 0
     std::optional<double> after_trajectory;  // s, >= 0
   };

@@ -53,8 +53,7 @@ class MinJerk {
     if (decay_ > 0) {
       const double d = decay_;
       const double u = std::clamp(t / d, 0.0, 1.0);
-      point.x += v0_ * (d * u * (1 + u * u * (-1 + u / 2))) +
-                 a0_ * (d * d * u * u * (0.5 + u * (-2.0 / 3 + u / 4)));
+      point.x += v0_ * (d * u * (1 + u * u * (-1 + u / 2))) + a0_ * (d * d * u * u * (0.5 + u * (-2.0 / 3 + u / 4)));
       if (u < 1) {
         point.v += v0_ * (1 + u * u * (-3 + 2 * u)) + a0_ * (d * u * (1 + u * (-2 + u)));
         point.a += v0_ * (6 * u * (u - 1) / d) + a0_ * (1 + u * (-4 + 3 * u));

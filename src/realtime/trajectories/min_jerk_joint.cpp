@@ -12,8 +12,7 @@ models::Limits::Rates rates(const models::Limits& limits, int i) {
 
 }  // namespace
 
-MinJerkJoint::MinJerkJoint(double duration, const models::Limits& limits)
-    : limits_(limits), asked_duration_(duration) {
+MinJerkJoint::MinJerkJoint(double duration, const models::Limits& limits) : limits_(limits), asked_duration_(duration) {
   require_within("duration", -1, duration, 0.001, 3600, "s");
 }
 
@@ -28,8 +27,7 @@ MinJerkJoint::MinJerkJoint(const Parameters& parameters, const models::Limits& l
 void MinJerkJoint::start(const Reference& from) noexcept {
   double decay = 0;
   for (int i = 0; i < models::kJoints; ++i) {
-    decay = std::max(decay, decay_duration(std::abs(from.joint.dq[i]), std::abs(from.joint.ddq[i]),
-                                           rates(limits_, i)));
+    decay = std::max(decay, decay_duration(std::abs(from.joint.dq[i]), std::abs(from.joint.ddq[i]), rates(limits_, i)));
   }
   motion_.start(from.joint.q, from.joint.dq, from.joint.ddq, goal_.joint.q, decay);
 

@@ -12,8 +12,7 @@ Eigen::Quaterniond require_rotation(const char* field, const Eigen::Quaterniond&
   return q.normalized();
 }
 
-MinJerkPose::MinJerkPose(double duration, const models::Limits& limits)
-    : limits_(limits), asked_duration_(duration) {
+MinJerkPose::MinJerkPose(double duration, const models::Limits& limits) : limits_(limits), asked_duration_(duration) {
   goal_.kind = ReferenceKind::kCartesian;
   require_within("duration", -1, duration, 0.001, 3600, "s");
 }
@@ -38,11 +37,10 @@ void MinJerkPose::start(const Reference& from) noexcept {
   };
   const double together = std::max(decay(pose.velocity, pose.acceleration, 0, limits_.translation),
                                    decay(pose.velocity, pose.acceleration, 3, limits_.rotation));
-  translation_.start(pose.position, pose.velocity.head<3>(), pose.acceleration.head<3>(),
-                     goal_.cartesian.position, together);
+  translation_.start(pose.position, pose.velocity.head<3>(), pose.acceleration.head<3>(), goal_.cartesian.position,
+                     together);
   const Vector3 r = log(pose.orientation.normalized() * goal_.cartesian.orientation.conjugate());
-  const auto rates =
-      rotation_vector_rates(r, pose.velocity.tail<3>(), pose.acceleration.tail<3>());
+  const auto rates = rotation_vector_rates(r, pose.velocity.tail<3>(), pose.acceleration.tail<3>());
   rotation_.start(r, rates.dr, rates.ddr, Vector3::Zero(), together);
 
   double T = std::max({asked_duration_, least_duration(translation_.way().norm(), limits_.translation),
@@ -53,8 +51,8 @@ void MinJerkPose::start(const Reference& from) noexcept {
                              const Vector3& v_timed, const models::Limits::Rates& limits) {
       // What it begins with, no duration mends.
       if (v_timed.norm() < 0.01 * limits.velocity || (v - v_timed).norm() > 0.9 * limits.velocity) return;
-      raise(worst, v.norm() / (kMotionShare * limits.velocity),
-            a.norm() / (kMotionShare * limits.acceleration), j.norm() / (kMotionShare * limits.jerk));
+      raise(worst, v.norm() / (kMotionShare * limits.velocity), a.norm() / (kMotionShare * limits.acceleration),
+            j.norm() / (kMotionShare * limits.jerk));
     };
     realtime::stretch(
         T,

@@ -26,9 +26,7 @@ class MinJerkPose : public TrajectoryGenerator {
   void start(const Reference& from) noexcept override;
   bool step(double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
-  double duration() const noexcept override {
-    return std::max(translation_.duration(), rotation_.duration());
-  }
+  double duration() const noexcept override { return std::max(translation_.duration(), rotation_.duration()); }
   double stretch() const noexcept override { return stretch_; }
 
  protected:

@@ -15,8 +15,7 @@ RelativeMinJerkJoint::RelativeMinJerkJoint(const Parameters& parameters, const m
 
 void RelativeMinJerkJoint::start(const Reference& from) noexcept {
   for (int i = 0; i < models::kJoints; ++i) {
-    goal_.joint.q[i] =
-        std::clamp(from.joint.q[i] + delta_q_[i], rest_min(limits_, i), rest_max(limits_, i));
+    goal_.joint.q[i] = std::clamp(from.joint.q[i] + delta_q_[i], rest_min(limits_, i), rest_max(limits_, i));
   }
   MinJerkJoint::start(from);
 }

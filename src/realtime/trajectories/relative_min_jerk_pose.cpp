@@ -14,8 +14,7 @@ RelativeMinJerkPose::RelativeMinJerkPose(const Parameters& parameters, const mod
 
 void RelativeMinJerkPose::start(const Reference& from) noexcept {
   const CartesianReference& pose = from.cartesian;
-  const Vector3 by =
-      frame_ == Frame::kEndEffector ? Vector3(pose.orientation * translation_by_) : translation_by_;
+  const Vector3 by = frame_ == Frame::kEndEffector ? Vector3(pose.orientation * translation_by_) : translation_by_;
   goal_.cartesian.position = pose.position + by;
   goal_.cartesian.orientation = (pose.orientation * rotation_by_).normalized();
   MinJerkPose::start(from);
