@@ -203,12 +203,15 @@ def main() -> int:
     truth = read_truth(TRUTH)
     is_there = judge(truth)
 
-    draw(begins, states, truth)
-    strip = FOLDER / "arm.png"
     ends = {name: end for (name, _), (_, end) in zip(begins, begins[1:], strict=False)}
     times = ",".join(f"{ends[name]:.3f}" for name in SHOWN)
+    strip = FOLDER / "arm.png"
     command = [program("fci-render"), "--scene", SCENE, "--times", times, "--output", strip, "--truth", TRUTH]
-    subprocess.run(command, check=True)
+    with subprocess.Popen(command) as renderer:  # beside the drawing: there are two cores
+        draw(begins, states, truth)
+    if renderer.returncode != 0:
+        print("fci-render could not draw the arm; see above.", file=sys.stderr)
+        return 1
     print(f"{(FOLDER / 'demo.png').relative_to(REPOSITORY)}: what it was told and what it did")
     print(f"{strip.relative_to(REPOSITORY)}: the arm at work")
     print(f"{time.monotonic() - begun:.0f} s")
