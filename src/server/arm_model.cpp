@@ -47,7 +47,7 @@ ArmModel ask_robot(fci::Version version, const std::string& robot_urdf) {
     try {
       if (robot_urdf.empty()) throw std::invalid_argument("it gave none");
       const realtime::Matrix7 mass = mass_at_home(robot_urdf);
-      if (!(mass.diagonal().minCoeff() > 1e-4)) throw std::invalid_argument("its links have no inertia");
+      if (!(mass.diagonal().minCoeff() > 1e-6)) throw std::invalid_argument("its links have no inertia");
       model.arm = &identify(robot_urdf, mass, version);
       model.urdf = robot_urdf;
       return model;

@@ -137,7 +137,7 @@ std::unique_ptr<Base> make(const std::vector<Kind<Base>>& kinds, const std::stri
     try {
       return each.make(any, limits);
     } catch (const std::invalid_argument& error) {
-      throw Refused(proto::Error::INVALID_ARGUMENT, error.what());
+      throw Refused(proto::Error::INVALID_ARGUMENT, name + ": " + error.what());
     }
   }
   throw Refused(proto::Error::INVALID_ARGUMENT,

@@ -70,7 +70,7 @@ class Child {
   // Reads what the child says, and starts it where it does not run.
   void look_after(bool stopping) {
     if (pid_ > 0) listen_to();
-    if (pid_ > 0 && Clock::now() - heard_ > (spoken_ ? kSilence : kFirstWord)) {
+    if (pid_ > 0 && !stopping && Clock::now() - heard_ > (spoken_ ? kSilence : kFirstWord)) {
       spdlog::error("arm {}: its process hangs and is started again", info_.name());
       end(SIGKILL);
     }

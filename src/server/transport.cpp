@@ -1,5 +1,6 @@
 #include "server/transport.hpp"
 
+#include <google/protobuf/stubs/logging.h>
 #include <spdlog/spdlog.h>
 
 #include "server/convert.hpp"
@@ -60,6 +61,7 @@ std::string explain(const realtime::RecoveryResult& result) {
 Transport::Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
                      Publisher& publisher, Gripper* gripper)
     : door_(door), publisher_(publisher), gripper_(gripper), socket_(context, zmq::socket_type::router) {
+  google::protobuf::SetLogHandler(nullptr);  // it writes a line for whatever it cannot read
   socket_.set(zmq::sockopt::linger, 200);
   socket_.set(zmq::sockopt::maxmsgsize, kMaxMessage);
   // A client that comes back under its old identity goes on where it was.

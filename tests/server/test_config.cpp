@@ -1,0 +1,139 @@
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <fstream>
+
+#include "server/config.hpp"
+
+namespace server {
+namespace {
+
+const std::string kArm = "[[arm]]\nname = 'left'\naddress = '172.16.0.2'\n";  // three lines
+
+std::string error_of(const std::string& toml) {
+  try {
+    parse_config(toml, "arms.toml");
+  } catch (const ConfigError& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(Config, ReadsEverything) {
+  const Config config = parse_config(R"(
+[server]
+listen = "0.0.0.0"
+port = 6000
+[[arm]]
+name = "left"
+address = "172.16.0.2"
+model = "fr3"
+gripper = false
+hold_time = 5
+[arm.load]
+mass = 0.5
+center_of_mass = [0, 0, 0.05]
+inertia = [1e-3, 0, 0, 0, 2e-3, 0, 0, 0, 3e-3]
+[arm.tool]
+translation = [0.0, 0.1, 0.2]
+quaternion = [0.7071067811865476, 0, 0, 0.7071067811865476]
+[arm.limits]
+velocity = 0.5
+[arm.collision]
+lower_torque_thresholds = [1, 2, 3, 4, 5, 6, 7]
+upper_torque_thresholds = [10, 20, 30, 40, 50, 60, 70]
+lower_force_thresholds = [1, 2, 3, 4, 5, 6]
+upper_force_thresholds = [10, 20, 30, 40, 50, 60]
+[[arm]]
+name = "right"
+address = "172.16.0.3"
+)", "arms.toml");
+  EXPECT_EQ(config.listen, "0.0.0.0");
+  EXPECT_EQ(config.port, 6000);
+  ASSERT_EQ(config.arms.size(), 2u);
+  const ArmConfig& left = config.arms[0];
+  EXPECT_EQ(left.model, "fr3");
+  EXPECT_FALSE(left.gripper);
+  EXPECT_EQ(left.hold_time, 5);
+  EXPECT_EQ(left.limits.velocity, 0.5);
+  EXPECT_EQ(left.limits.jerk, 1);
+  ASSERT_TRUE(left.settings.load);
+  EXPECT_EQ(left.settings.load->m_load, 0.5);
+  EXPECT_EQ(left.settings.load->F_x_Cload[2], 0.05);
+  EXPECT_EQ(left.settings.load->I_load[8], 3e-3);
+  ASSERT_TRUE(left.settings.NE_T_EE);
+  // A quarter turn about z takes x to y; columns first.
+  EXPECT_NEAR(left.settings.NE_T_EE->NE_T_EE[1], 1, 1e-12);
+  EXPECT_EQ(left.settings.NE_T_EE->NE_T_EE[14], 0.2);
+  ASSERT_TRUE(left.settings.collision_behavior);
+  EXPECT_EQ(left.settings.collision_behavior->upper_torque_thresholds_acceleration[6], 70);
+  EXPECT_EQ(left.settings.collision_behavior->lower_force_thresholds_nominal[5], 6);
+  EXPECT_EQ(config.arms[1].model, "auto");
+  EXPECT_TRUE(config.arms[1].gripper);
+  EXPECT_FALSE(config.arms[1].settings.load);
+}
+
+TEST(Config, OfOneRobotIsReadAsAFileIs) {
+  const Config config = parse_config(config_of_robot("10.0.0.\"5", false), "command line");
+  ASSERT_EQ(config.arms.size(), 1u);
+  EXPECT_EQ(config.arms[0].address, "10.0.0.\"5");
+  EXPECT_FALSE(config.arms[0].gripper);
+}
+
+struct Bad {
+  std::string toml;
+  std::string error;  // how it begins
+};
+
+TEST(Config, EachErrorSaysWhereWhatAndWhatElse) {
+  const std::vector<Bad> bad = {
+      {"", "arms.toml:1: arm is missing: expected at least one [[arm]]"},
+      {"a = [1,", "arms.toml:1: not TOML: "},
+      {"[arm]\nname='x'\n", "arms.toml:1: arm: expected one [[arm]] (in double brackets)"},
+      {"arms = 1\n" + kArm, "arms.toml:1: unknown key arms; known are server, arm"},
+      {"[server]\nprot = 3\n" + kArm, "arms.toml:2: unknown key server.prot; known are listen, port"},
+      {"[server]\nport = 65536\n" + kArm, "arms.toml:2: server.port = 65536: expected a whole number, 0 to 65535"},
+      {"[server]\nport = 80.5\n" + kArm, "arms.toml:2: server.port = 80.5: expected a whole number"},
+      {"[server]\nlisten = 'everywhere'\n" + kArm, "arms.toml:2: server.listen = 'everywhere': expected an IPv4"},
+      {"[[arm]]\naddress='a'\n", "arms.toml:1: arm.name is missing: expected a name"},
+      {"[[arm]]\nname='a'\n", "arms.toml:1: arm.address is missing: expected the robot's address"},
+      {"[[arm]]\nname='a b'\naddress='a'\n", "arms.toml:2: arm.name = 'a b': expected a name of letters"},
+      {"[[arm]]\nname=7\naddress='a'\n", "arms.toml:2: arm.name = 7: expected a name"},
+      {kArm + "model = 'panda'\n", "arms.toml:4: arm.model = 'panda': expected one of \"auto\", \"fer\""},
+      {kArm + "gripper = 1\n", "arms.toml:4: arm.gripper = 1: expected true or false"},
+      {kArm + "hold_time = -1\n", "arms.toml:4: arm.hold_time = -1: expected 0 to 3600 s"},
+      {kArm + "hold_time = nan\n", "arms.toml:4: arm.hold_time = nan: expected 0 to 3600 s"},
+      {kArm + "load = 2\n", "arms.toml:4: arm.load = 2: expected a table"},
+      {kArm + "[arm.load]\nmas = 2\n", "arms.toml:4: arm.load.mass is missing: expected kg"},
+      {kArm + "[arm.load]\nmass = 200\n", "arms.toml:5: arm.load.mass = 200: expected 0 to 20 kg"},
+      {kArm + "[arm.load]\nmass = 1\ncenter_of_mass = [0, 0]\n", "arms.toml:6: arm.load.center_of_mass = [ 0, 0 ]: expected 3"},
+      {kArm + "[arm.load]\nmass = 1\ncenter_of_mass = [0, inf, 0]\n", "arms.toml:6: arm.load.center_of_mass[1] = inf: expected"},
+      {kArm + "[arm.load]\nmass = 1\ninertia = [1,0,0,0,1,0,0.5,0,1]\n", "arms.toml:6: arm.load.inertia = "},
+      {kArm + "[arm.load]\nmass = 1\ninertia = [-1,0,0,0,1,0,0,0,1]\n", "arms.toml:6: arm.load.inertia = "},
+      {kArm + "[arm.tool]\nquaternion = [1, 1, 0, 0]\n", "arms.toml:5: arm.tool.quaternion = [ 1, 1, 0, 0 ]: expected 4"},
+      {kArm + "[arm.limits]\nvelocity = 1.5\n", "arms.toml:5: arm.limits.velocity = 1.5: expected a factor, 0.01 to 1"},
+      {kArm + "[arm.limits]\nspeed = 1\n", "arms.toml:5: unknown key arm.limits.speed; known are velocity"},
+      {kArm + "[arm.collision]\n", "arms.toml:4: arm.collision.lower_torque_thresholds is missing"},
+      {kArm + kArm, "arms.toml:4: arm.name = 'left': another arm has this name"},
+      {kArm + "[[arm]]\nname='b'\naddress='172.16.0.2'\n", "arms.toml:4: arm.address = '172.16.0.2': another arm"},
+  };
+  for (const auto& [toml, error] : bad) EXPECT_TRUE(error_of(toml).starts_with(error)) << toml << "\n" << error_of(toml);
+}
+
+TEST(Config, LowerThresholdsAreNotAboveTheUpperOnes) {
+  const std::string text = error_of(kArm + R"([arm.collision]
+lower_torque_thresholds = [1, 2, 31, 4, 5, 6, 7]
+upper_torque_thresholds = [10, 20, 30, 40, 50, 60, 70]
+lower_force_thresholds = [1, 2, 3, 4, 5, 6]
+upper_force_thresholds = [10, 20, 30, 40, 50, 60]
+)");
+  EXPECT_EQ(text, "arms.toml:4: arm.collision.lower_torque_thresholds[2] = 31: expected at most the upper one, 30");
+}
+
+TEST(Config, AFileThatCannotBeReadIsNamed) {
+  EXPECT_THROW(read_config_file("/nowhere/arms.toml"), ConfigError);
+  EXPECT_THROW(read_config_file("/tmp"), ConfigError);
+}
+
+}  // namespace
+}  // namespace server

@@ -1,0 +1,117 @@
+#include <gtest/gtest.h>
+
+#include "server/refused.hpp"
+#include "tests/server/skills.hpp"
+
+namespace server {
+namespace {
+
+class SkillBuilderTest : public testing::Test {
+ protected:
+  std::string error_of(const proto::Skill& skill) {
+    try {
+      builder_.build(skill, now_);
+    } catch (const Refused& refused) {
+      EXPECT_EQ(refused.code, proto::Error::INVALID_ARGUMENT);
+      return refused.what();
+    }
+    return "no error";
+  }
+
+  realtime::Record now_ = record_at_home();
+  SkillBuilder builder_{fr3_model(), fr3_limits()};
+};
+
+TEST_F(SkillBuilderTest, BuildsWhatFits) {
+  auto message = skill_of(joint_motion(), proto::JointImpedance());
+  message.add_terminations()->PackFrom(proto::FinalJoint());
+  proto::Time time;
+  time.set_seconds(3);
+  message.add_terminations()->PackFrom(time);
+  const auto skill = builder_.build(message, now_);
+  EXPECT_EQ(skill->trajectory->reference_kind(), realtime::ReferenceKind::kJoint);
+  EXPECT_EQ(skill->mode, robot::kTorque);
+  EXPECT_EQ(skill->terminations.size(), 2u);
+  EXPECT_EQ(skill->trajectory->goal().joint.q[0], models::kHome[0] + 0.1);
+
+  proto::InternalImpedance internal;
+  for (int i = 0; i < 6; ++i) internal.add_k_x(i < 3 ? 500 : 50);
+  const auto pose = builder_.build(skill_of(pose_motion(0.05, 0, -0.1), internal), now_);
+  EXPECT_EQ(pose->mode.generator, fci::MotionGeneratorMode::kCartesianPosition);
+  ASSERT_TRUE(pose->settings.cartesian_impedance);
+  EXPECT_EQ(pose->settings.cartesian_impedance->K_x[5], 50);
+}
+
+TEST_F(SkillBuilderTest, MissingPartsAreNamed) {
+  proto::Skill skill;
+  EXPECT_TRUE(error_of(skill).starts_with("Skill.trajectory is missing: expected one of MinJerkJoint, "));
+  skill.mutable_trajectory()->PackFrom(joint_motion());
+  EXPECT_TRUE(error_of(skill).starts_with("Skill.controller is missing: expected one of JointImpedance, "));
+}
+
+TEST_F(SkillBuilderTest, PartsThatDoNotFitAreRefusedWithThoseThatDo) {
+  EXPECT_EQ(error_of(skill_of(joint_motion(), proto::CartesianImpedance())),
+            "CartesianImpedance does not take the joint references of MinJerkJoint: use JointImpedance, "
+            "InternalImpedance, or another trajectory");
+  EXPECT_EQ(error_of(skill_of(pose_motion(0, 0, 0.1), proto::JointImpedance())),
+            "JointImpedance does not take the Cartesian references of RelativeMinJerkPose: use CartesianImpedance, "
+            "InternalImpedance, or another trajectory");
+  auto skill = skill_of(pose_motion(0, 0, 0.1), proto::CartesianImpedance());
+  skill.add_terminations()->PackFrom(proto::FinalJoint());
+  EXPECT_TRUE(error_of(skill).starts_with(
+      "FinalJoint cannot judge the Cartesian references of RelativeMinJerkPose: use "))
+      << error_of(skill);
+}
+
+TEST_F(SkillBuilderTest, SizesAreBounded) {
+  auto skill = skill_of(joint_motion(), proto::JointImpedance());
+  skill.set_description(std::string(2000, 'x'));
+  EXPECT_EQ(error_of(skill), "Skill.description has 2000 bytes: expected at most 1024");
+  skill.clear_description();
+  for (int i = 0; i < 1000; ++i) skill.add_terminations()->PackFrom(proto::FinalJoint());
+  EXPECT_EQ(error_of(skill), "Skill.terminations has 1000 elements: expected at most 16");
+}
+
+TEST_F(SkillBuilderTest, JointsOutOfRangeAreRefused) {
+  const std::string text = error_of(skill_of(joint_motion(3, 2.4), proto::JointImpedance()));
+  EXPECT_TRUE(text.starts_with("MinJerkJoint: q[3] is 0.04")) << text;
+}
+
+TEST_F(SkillBuilderTest, PosesOutOfReachAreRefusedWithWhatIsReached) {
+  for (const double x : {0.8, 1.9}) {
+    const std::string text = error_of(skill_of(pose_motion(x, 0, 0), proto::CartesianImpedance()));
+    EXPECT_TRUE(text.starts_with("RelativeMinJerkPose: its goal is out of the arm's reach: position [")) << text;
+    EXPECT_NE(text.find("The nearest that the joints allow is ["), std::string::npos) << text;
+  }
+  EXPECT_EQ(error_of(skill_of(pose_motion(0.2, 0.1, -0.2), proto::CartesianImpedance())), "no error");
+}
+
+// From one side of the base to the other, both reached, straight through the base's axis.
+TEST_F(SkillBuilderTest, PathsOutOfReachAreRefused) {
+  proto::MinJerkPose behind;
+  now_.state.O_T_EE[14] -= 0.3;
+  const Eigen::Isometry3d low(Eigen::Map<const Eigen::Matrix4d>(now_.state.O_T_EE.data()));
+  const Eigen::Isometry3d goal = Eigen::AngleAxisd(2.6, Eigen::Vector3d::UnitZ()) * low;
+  const Eigen::Quaterniond rotation(goal.linear());
+  for (int i = 0; i < 3; ++i) behind.add_position(goal.translation()[i]);
+  for (double each : {rotation.w(), rotation.x(), rotation.y(), rotation.z()}) behind.add_quaternion(each);
+  const std::string text = error_of(skill_of(behind, proto::CartesianImpedance()));
+  EXPECT_TRUE(text.starts_with("MinJerkPose: its path, ")) << text;
+}
+
+TEST_F(SkillBuilderTest, ARelativeGoalCountsFromTheReferenceThatIsCommanded) {
+  auto skill = builder_.build(skill_of(pose_motion(0, 0, 0.1), proto::CartesianImpedance()), now_);
+  const double z = now_.state.O_T_EE[14];
+  EXPECT_NEAR(skill->trajectory->goal().cartesian.position.z(), z + 0.1, 1e-9);
+
+  now_.command.message_id = 1;
+  now_.reference.kind = realtime::ReferenceKind::kCartesian;
+  now_.reference.cartesian.position = Eigen::Map<const Eigen::Vector3d>(&now_.state.O_T_EE[12]) - 0.05 * Eigen::Vector3d::UnitZ();
+  now_.reference.cartesian.orientation =
+      Eigen::Quaterniond(Eigen::Matrix4d::Map(now_.state.O_T_EE.data()).topLeftCorner<3, 3>());
+  skill = builder_.build(skill_of(pose_motion(0, 0, 0.1), proto::CartesianImpedance()), now_);
+  EXPECT_NEAR(skill->trajectory->goal().cartesian.position.z(), z + 0.05, 1e-9);
+}
+
+}  // namespace
+}  // namespace server

@@ -1,0 +1,214 @@
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <sstream>
+
+#include "tests/server/client.hpp"
+#include "tests/server/fake_robot.hpp"
+
+namespace server {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+// A running franka-interface on a free port.
+class Program {
+ public:
+  explicit Program(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), BIN_DIR "/franka-interface");
+    std::vector<char*> words;
+    for (auto& argument : arguments) words.push_back(argument.data());
+    words.push_back(nullptr);
+    int out[2], err[2];
+    if (pipe2(out, O_CLOEXEC) != 0 || pipe2(err, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
+    posix_spawn_file_actions_adddup2(&actions, err[1], STDERR_FILENO);
+    if (posix_spawn(&pid_, words[0], &actions, nullptr, words.data(), environ) != 0) throw std::runtime_error(words[0]);
+    posix_spawn_file_actions_destroy(&actions);
+    close(out[1]);
+    close(err[1]);
+    char byte;
+    while (read(out[0], &byte, 1) == 1 && byte != '\n') first_line_ += byte;
+    close(out[0]);
+    log_ = std::thread([this, fd = err[0]] {
+      char bytes[4096];
+      for (ssize_t size; (size = read(fd, bytes, sizeof bytes)) > 0;) text_.append(bytes, size);
+      close(fd);
+    });
+  }
+  ~Program() {
+    if (pid_ > 0) stop(SIGKILL);
+  }
+
+  // Returns the exit status.
+  int stop(int signal = SIGINT) {
+    if (signal != 0) kill(pid_, signal);
+    int status = 0;
+    waitpid(pid_, &status, 0);
+    pid_ = 0;
+    log_.join();
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  }
+
+  std::string endpoint() const { return first_line_.substr(first_line_.rfind(' ') + 1); }
+  const std::string& log() const { return text_; }  // after stop()
+
+  // Process ids of the arms' processes.
+  std::vector<pid_t> children() const {
+    const std::string path = "/proc/" + std::to_string(pid_) + "/task/" + std::to_string(pid_) + "/children";
+    std::ifstream file(path);
+    return {std::istream_iterator<pid_t>(file), {}};
+  }
+
+ private:
+  pid_t pid_ = 0;
+  std::string first_line_, text_;
+  std::thread log_;
+};
+
+bool eventually(const std::function<bool()>& condition) {
+  for (const auto deadline = Clock::now() + 30s; Clock::now() < deadline; std::this_thread::sleep_for(20ms)) {
+    if (condition()) return true;
+  }
+  return false;
+}
+
+// Two arms, of which the first is there.
+class SupervisorTest : public testing::Test {
+ protected:
+  SupervisorTest() : robot_(left_) {
+    std::ofstream(file_) << "[server]\nport = 0\n[[arm]]\nname = 'left'\naddress = '" << left_
+                         << "'\ngripper = false\n[[arm]]\nname = 'right'\naddress = '" << right_
+                         << "'\ngripper = false\n";
+    program_.emplace(std::vector<std::string>{"--config", file_});
+    client_.emplace(context_, program_->endpoint());
+  }
+  ~SupervisorTest() override { std::filesystem::remove(file_); }
+
+  proto::Arms::Arm arm(int index) {
+    const auto reply = client_->list_arms();
+    EXPECT_EQ(reply.arms().version(), proto::CURRENT);
+    EXPECT_EQ(reply.arms().arms_size(), 2);
+    return reply.arms().arms(index);
+  }
+  bool ready(int index) { return arm(index).status() == "ready" && arm(index).has_endpoint(); }
+
+  const std::string left_ = free_address(), right_ = free_address();
+  const std::string file_ = testing::TempDir() + "arms_" + std::to_string(getpid()) + ".toml";
+  FakeRobot robot_;
+  std::optional<Program> program_;
+  zmq::context_t context_;
+  std::optional<Client> client_;
+};
+
+TEST_F(SupervisorTest, SaysWhereEachArmIsOrWhyNot) {
+  ASSERT_TRUE(eventually([&] { return ready(0); })) << arm(0).status();
+  EXPECT_EQ(arm(0).name(), "left");
+  EXPECT_EQ(arm(0).address(), left_);
+  ASSERT_TRUE(eventually([&] { return arm(1).status().find("refused") != std::string::npos; })) << arm(1).status();
+  EXPECT_FALSE(arm(1).has_endpoint());
+
+  Client client(context_, arm(0).endpoint());
+  const auto welcome = client.hello().welcome();
+  EXPECT_EQ(welcome.arm(), "left");
+  EXPECT_EQ(welcome.model(), "fer");
+  EXPECT_EQ(welcome.protocol_version(), FakeRobot::kVersion);
+  EXPECT_EQ(welcome.limits().q_max_size(), 7);
+  EXPECT_FALSE(welcome.gripper());
+  EXPECT_EQ(client.state().state().robot().q(3), models::kHome[3]);
+  EXPECT_EQ(arm(0).state_endpoint(), welcome.state_endpoint());
+
+  // Requests for an arm are not for the supervisor.
+  EXPECT_EQ(client_->state().error().code(), proto::Error::INVALID_ARGUMENT);
+  EXPECT_EQ(client_->hello().error().code(), proto::Error::INVALID_ARGUMENT);
+
+  EXPECT_EQ(program_->stop(), 0);
+  EXPECT_NE(program_->log().find("protocol version 5"), std::string::npos) << program_->log();
+  EXPECT_NE(program_->log().find("scheduling"), std::string::npos);
+}
+
+TEST_F(SupervisorTest, AnArmThatDiesIsStartedAgainWhereItWas) {
+  ASSERT_TRUE(eventually([&] { return ready(0); }));
+  const std::string endpoint = arm(0).endpoint();
+  Client client(context_, endpoint);
+  ASSERT_TRUE(client.hello().has_welcome());
+  const auto before = program_->children();
+  ASSERT_EQ(before.size(), 2u);
+
+  kill(before[0], SIGKILL);
+  ASSERT_TRUE(eventually([&] { return robot_.connections() == 2 && ready(0); })) << arm(0).status();
+  const auto after = program_->children();
+  EXPECT_EQ(std::count(after.begin(), after.end(), before[0]), 0);
+  EXPECT_EQ(std::count(after.begin(), after.end(), before[1]), 1);  // the other arm does not notice
+  EXPECT_EQ(arm(0).endpoint(), endpoint);
+
+  // The client's connection comes back by itself, and it is asked for its name again.
+  EXPECT_EQ(client.state().error().code(), proto::Error::UNKNOWN_CLIENT);
+  EXPECT_TRUE(client.hello().has_welcome());
+  EXPECT_TRUE(client.state().has_state());
+}
+
+TEST_F(SupervisorTest, AnArmThatHangsIsStartedAgain) {
+  ASSERT_TRUE(eventually([&] { return ready(0); }));
+  const auto before = program_->children();
+  ASSERT_EQ(before.size(), 2u);
+  kill(before[0], SIGSTOP);
+  ASSERT_TRUE(eventually([&] { return robot_.connections() == 2 && ready(0); })) << arm(0).status();
+  const auto after = program_->children();
+  EXPECT_EQ(std::count(after.begin(), after.end(), before[0]), 0);
+  EXPECT_EQ(std::count(after.begin(), after.end(), before[1]), 1);
+}
+
+TEST_F(SupervisorTest, ARobotThatAppearsIsConnected) {
+  ASSERT_TRUE(eventually([&] { return arm(1).status().find("refused") != std::string::npos; }));
+  FakeRobot other(right_);
+  EXPECT_TRUE(eventually([&] { return ready(1); })) << arm(1).status();
+}
+
+TEST_F(SupervisorTest, GarbageDoesNotDisturbIt) {
+  client_->send_bytes("garbage");
+  client_->send_bytes("");
+  client_->send_frames({"a", "b", "c"});
+  EXPECT_TRUE(eventually([&] { return ready(0); }));
+}
+
+TEST_F(SupervisorTest, TheArmsEndWithIt) {
+  ASSERT_TRUE(eventually([&] { return ready(0); }));
+  const auto children = program_->children();
+  EXPECT_NE(program_->stop(SIGKILL), 0);
+  for (const pid_t child : children) {
+    EXPECT_TRUE(eventually([&] { return kill(child, 0) != 0; })) << child;
+  }
+}
+
+TEST(Supervisor, ATakenPortIsNamedWithTheRemedy) {
+  Program first({"--robot", free_address(), "--port", "0", "--no-gripper"});
+  const std::string endpoint = first.endpoint();
+  Program second({"--robot", free_address(), "--port", endpoint.substr(endpoint.rfind(':') + 1)});
+  EXPECT_EQ(second.stop(0), 1);
+  EXPECT_NE(second.log().find("does another franka-interface run? Stop it, or choose another --port"), std::string::npos)
+      << second.log();
+  EXPECT_EQ(first.stop(SIGTERM), 0);
+}
+
+TEST(Supervisor, ABadFileEndsTheProgramBeforeAnythingStarts) {
+  const std::string file = testing::TempDir() + "bad_" + std::to_string(getpid()) + ".toml";
+  std::ofstream(file) << "[[arm]]\nname = 'left'\nadress = '172.16.0.2'\n";
+  Program program({"--config", file});
+  EXPECT_EQ(program.stop(0), 1);
+  EXPECT_NE(program.log().find(file + ":1: arm.address is missing"), std::string::npos) << program.log();
+  std::filesystem::remove(file);
+}
+
+}  // namespace
+}  // namespace server

@@ -1,0 +1,339 @@
+#include <gtest/gtest.h>
+
+#include <random>
+#include <thread>
+
+#include "server/publisher.hpp"
+#include "server/transport.hpp"
+#include "tests/server/client.hpp"
+#include "tests/server/skills.hpp"
+
+namespace server {
+namespace {
+
+using namespace std::chrono_literals;
+
+// The server's threads at a door whose other side is the test.
+class TransportTest : public testing::Test {
+ protected:
+  TransportTest() {
+    thread_ = std::thread([this] { transport_.run(quit_); });
+    connect();
+  }
+  ~TransportTest() override {
+    quit_ = true;
+    thread_.join();
+  }
+
+  void connect() {
+    proto::Welcome welcome;
+    welcome.set_arm("test arm");
+    transport_.connected(std::make_shared<SkillBuilder>(fr3_model(), fr3_limits()), welcome);
+    publish();
+  }
+
+  // A cycle of the loop; returns when the publisher has taken it.
+  void publish() {
+    ++record_.cycles;
+    ++record_.state.message_id;
+    door_.records.push(record_);
+    while (door_.records.front() != nullptr) std::this_thread::sleep_for(100us);
+  }
+
+  // The skill that waits at the door, as the loop takes it.
+  std::unique_ptr<realtime::Skill> take() {
+    return std::unique_ptr<realtime::Skill>(door_.next.take());
+  }
+
+  void finish(std::unique_ptr<realtime::Skill> skill, realtime::Ending ending = realtime::Ending::kTerminated,
+              int termination = -1) {
+    door_.results.push({.skill_id = skill->id, .ending = ending, .termination = termination, .time = 1.5});
+    door_.retired.push(skill.release());
+  }
+
+  Client stranger() { return Client(context_, transport_.endpoint()); }
+  Client client() {
+    Client client = stranger();
+    EXPECT_TRUE(client.hello().has_welcome());
+    return client;
+  }
+
+  zmq::context_t context_;
+  realtime::Door door_;
+  realtime::Record record_ = record_at_home();
+  Publisher publisher_{context_, "127.0.0.1", 0, door_, nullptr};
+  Transport transport_{context_, "127.0.0.1", 0, door_, publisher_, nullptr};
+  std::atomic<bool> quit_{false};
+  std::thread thread_;
+  const proto::Skill skill_ = skill_of(joint_motion(), proto::JointImpedance());
+};
+
+TEST_F(TransportTest, HelloComesFirst) {
+  auto one = stranger();
+  EXPECT_EQ(one.state().error().code(), proto::Error::UNKNOWN_CLIENT);
+  EXPECT_EQ(one.start(skill_).error().code(), proto::Error::UNKNOWN_CLIENT);
+  const auto reply = one.hello();
+  EXPECT_EQ(reply.welcome().version(), proto::CURRENT);
+  EXPECT_EQ(reply.welcome().arm(), "test arm");
+  EXPECT_EQ(reply.welcome().state_endpoint(), publisher_.endpoint());
+  EXPECT_TRUE(one.state().has_state());
+}
+
+TEST_F(TransportTest, AnotherVersionIsRefusedWithBoth) {
+  auto old = stranger();
+  proto::Request request;
+  request.mutable_hello();
+  EXPECT_EQ(old.ask(request).error().code(), proto::Error::INCOMPATIBLE_VERSION);
+
+  auto newer = stranger();
+  request.mutable_hello()->GetReflection()->MutableUnknownFields(request.mutable_hello())->AddVarint(1, 77);
+  const auto reply = newer.ask(request);
+  EXPECT_EQ(reply.error().code(), proto::Error::INCOMPATIBLE_VERSION);
+  EXPECT_NE(reply.error().message().find("interface version 77, this server 1"), std::string::npos)
+      << reply.error().message();
+  EXPECT_EQ(newer.state().error().code(), proto::Error::UNKNOWN_CLIENT);
+}
+
+TEST_F(TransportTest, ASkillIsStartedAndItsResultComesBack) {
+  auto a = client();
+  auto message = skill_;
+  message.set_description("wave");
+  message.add_terminations()->PackFrom(proto::FinalJoint());
+  const auto started = a.start(message);
+  ASSERT_TRUE(started.has_skill_started()) << started.DebugString();
+  auto skill = take();
+  ASSERT_NE(skill, nullptr);
+  EXPECT_EQ(skill->id, started.skill_started().skill_id());
+
+  record_.skill_id = skill->id;
+  record_.phase = realtime::Phase::kRunning;
+  publish();
+  const auto state = a.state().state();
+  EXPECT_EQ(state.skill_description(), "wave");
+  EXPECT_EQ(state.phase(), proto::RUNNING);
+  EXPECT_GE(state.age(), 0);
+
+  proto::Request status;
+  status.mutable_skill_status()->set_skill_id(skill->id);
+  EXPECT_TRUE(a.ask(status).has_done());
+
+  const auto id = skill->id;
+  finish(std::move(skill), realtime::Ending::kTerminated, 0);
+  const auto result = a.receive();
+  EXPECT_EQ(result.request_id(), started.request_id());
+  EXPECT_EQ(result.skill_result().skill_id(), id);
+  EXPECT_EQ(result.skill_result().ending(), proto::TERMINATED);
+  EXPECT_EQ(result.skill_result().termination(), "FinalJoint");
+  EXPECT_EQ(result.skill_result().time(), 1.5);
+  EXPECT_TRUE(result.skill_result().has_last_state());
+  EXPECT_EQ(a.ask(status).skill_result().time(), 1.5);
+}
+
+TEST_F(TransportTest, WhatIsRefusedDoesNotReachTheDoor) {
+  auto a = client();
+  auto bad = skill_;
+  auto motion = joint_motion();
+  motion.set_q(2, std::numeric_limits<double>::quiet_NaN());
+  bad.mutable_trajectory()->PackFrom(motion);
+  const auto reply = a.start(bad);
+  EXPECT_EQ(reply.error().code(), proto::Error::INVALID_ARGUMENT);
+  EXPECT_NE(reply.error().message().find("MinJerkJoint.q[2] is nan"), std::string::npos) << reply.error().message();
+  EXPECT_EQ(take(), nullptr);
+  EXPECT_TRUE(a.start(skill_).has_skill_started());
+  EXPECT_NE(take(), nullptr);
+}
+
+TEST_F(TransportTest, AnotherSkillOfTheSameClientNeedsPreempt) {
+  auto a = client();
+  const auto first = a.start(skill_);
+  auto running = take();
+  EXPECT_EQ(a.start(skill_).error().code(), proto::Error::BUSY);
+  EXPECT_EQ(take(), nullptr);
+  EXPECT_TRUE(a.start(skill_, true).has_skill_started());
+  finish(std::move(running), realtime::Ending::kPreempted);
+  EXPECT_EQ(a.receive().skill_result().skill_id(), first.skill_started().skill_id());
+  finish(take());
+  EXPECT_EQ(a.receive().skill_result().ending(), proto::TERMINATED);
+}
+
+TEST_F(TransportTest, ASkillThatTheLoopHasNotTakenIsPreemptedToo) {
+  auto a = client();
+  const auto first = a.start(skill_);
+  proto::Request request;
+  *request.mutable_start_skill()->mutable_skill() = skill_;
+  request.mutable_start_skill()->set_preempt(true);
+  a.send(request);
+  const auto result = a.receive();
+  EXPECT_EQ(result.request_id(), first.request_id());
+  EXPECT_EQ(result.skill_result().ending(), proto::PREEMPTED);
+  EXPECT_TRUE(a.receive().has_skill_started());
+}
+
+TEST_F(TransportTest, OneClientCommandsAndAnyNumberRead) {
+  auto a = client(), b = client();
+  ASSERT_TRUE(a.start(skill_).has_skill_started());
+  const auto refused = b.start(skill_, true);
+  EXPECT_EQ(refused.error().code(), proto::Error::BUSY);
+  EXPECT_NE(refused.error().message().find("test"), std::string::npos) << refused.error().message();
+  EXPECT_EQ(b.recover().error().code(), proto::Error::BUSY);
+  EXPECT_TRUE(b.state().has_state());
+
+  // Its skill runs on when it goes, and the next commander's takes over.
+  EXPECT_TRUE(a.say_goodbye().has_done());
+  auto running = take();
+  EXPECT_TRUE(b.start(skill_).has_skill_started());
+  finish(std::move(running), realtime::Ending::kPreempted);
+  finish(take());
+  EXPECT_EQ(b.receive().skill_result().ending(), proto::TERMINATED);
+}
+
+TEST_F(TransportTest, ASilentClientLosesTheLease) {
+  auto a = client(), b = client();
+  ASSERT_TRUE(a.start(skill_).has_skill_started());
+  finish(take());
+  EXPECT_TRUE(a.receive().has_skill_result());
+  EXPECT_TRUE(b.start(skill_).has_error());
+  const auto deadline = std::chrono::steady_clock::now() + 20s;
+  while (b.start(skill_).has_error() && std::chrono::steady_clock::now() < deadline) std::this_thread::sleep_for(50ms);
+  EXPECT_EQ(a.start(skill_).error().code(), proto::Error::BUSY);
+}
+
+TEST_F(TransportTest, EveryClientMayStop) {
+  auto a = client(), b = client();
+  const auto started = a.start(skill_);
+  EXPECT_TRUE(b.stop().has_done());
+  EXPECT_EQ(door_.stop_up_to.load(), started.skill_started().skill_id());
+  finish(take(), realtime::Ending::kStopped);
+  EXPECT_EQ(a.receive().skill_result().ending(), proto::STOPPED);
+}
+
+TEST_F(TransportTest, AnArmInErrorWaitsForRecovery) {
+  auto a = client();
+  record_.phase = realtime::Phase::kError;
+  record_.state.robot_mode = fci::RobotMode::kReflex;
+  record_.state.errors[6] = true;
+  publish();
+  const auto refused = a.start(skill_);
+  EXPECT_EQ(refused.error().code(), proto::Error::NOT_READY);
+  EXPECT_NE(refused.error().message().find("joint_reflex"), std::string::npos) << refused.error().message();
+
+  proto::Request request;
+  request.mutable_recover();
+  const auto id = a.send(request);
+  while (!door_.recover.exchange(false)) std::this_thread::sleep_for(100us);
+  door_.recoveries.push({.recovered = false, .status = fci::Status::kNotPossible, .robot_mode = fci::RobotMode::kUserStopped});
+  auto reply = a.receive();
+  EXPECT_EQ(reply.request_id(), id);
+  EXPECT_NE(reply.error().message().find("user stop"), std::string::npos) << reply.error().message();
+
+  a.send(request);
+  while (!door_.recover.exchange(false)) std::this_thread::sleep_for(100us);
+  door_.recoveries.push({.recovered = true});
+  EXPECT_TRUE(a.receive().has_done());
+}
+
+TEST_F(TransportTest, ALostRobotEndsWhatWaitsAndComesBack) {
+  auto a = client();
+  const auto started = a.start(skill_);
+  transport_.disconnected("the robot is gone");
+  const auto result = a.receive();
+  EXPECT_EQ(result.request_id(), started.request_id());
+  EXPECT_EQ(result.skill_result().ending(), proto::CONNECTION_LOST);
+  const auto refused = a.start(skill_);
+  EXPECT_EQ(refused.error().code(), proto::Error::NOT_READY);
+  EXPECT_EQ(refused.error().message(), "the robot is gone");
+  EXPECT_EQ(a.state().error().code(), proto::Error::NOT_READY);
+
+  connect();
+  EXPECT_EQ(take(), nullptr);  // nothing old waits for the new loop
+  EXPECT_TRUE(a.start(skill_).has_skill_started());
+}
+
+TEST_F(TransportTest, GarbageIsCountedAndAnsweredWhereItCanBe) {
+  auto a = client();
+  std::mt19937 random(3);
+  for (int n = 0; n < 500; ++n) {
+    std::string bytes(random() % 200, '\0');
+    for (char& byte : bytes) byte = static_cast<char>(random());
+    a.send_bytes(bytes);
+  }
+  a.send_frames({"one", "two", "three"});
+  a.send_frames({"", "x"});
+  a.send_bytes("");
+
+  // A request_id, then what ends in the middle.
+  auto b = client();
+  proto::Request request;
+  request.set_request_id(4711);
+  *request.mutable_start_skill()->mutable_skill() = skill_;
+  const std::string whole = request.SerializeAsString();
+  b.send_bytes(whole.substr(0, whole.size() / 2));
+  auto reply = b.receive();
+  EXPECT_EQ(reply.request_id(), 4711u);
+  EXPECT_EQ(reply.error().code(), proto::Error::INVALID_ARGUMENT);
+
+  // No call, and one that this server does not know.
+  request.Clear();
+  EXPECT_EQ(b.ask(request).error().code(), proto::Error::INVALID_ARGUMENT);
+  request.GetReflection()->MutableUnknownFields(&request)->AddLengthDelimited(99, "");
+  reply = b.ask(request);
+  EXPECT_NE(reply.error().message().find("Request has a field number 99"), std::string::npos) << reply.error().message();
+  request.Clear();
+  request.mutable_list_arms();
+  EXPECT_EQ(b.ask(request).error().code(), proto::Error::INVALID_ARGUMENT);
+
+  EXPECT_TRUE(b.start(skill_).has_skill_started());
+  EXPECT_GT(transport_.garbage(), 100u);
+}
+
+// Every prefix and every change of one byte of a good request leaves the server serving.
+TEST_F(TransportTest, DamagedRequestsHurtNobody) {
+  auto a = client(), b = client();
+  proto::Request request;
+  request.set_request_id(1);
+  *request.mutable_start_skill()->mutable_skill() = skill_;
+  const std::string whole = request.SerializeAsString();
+  std::mt19937 random(5);
+  for (std::size_t i = 0; i < whole.size(); ++i) {
+    a.send_bytes(whole.substr(0, i));
+    std::string changed = whole;
+    changed[i] = static_cast<char>(random());
+    a.send_bytes(changed);
+  }
+  EXPECT_TRUE(b.state().has_state());
+}
+
+TEST_F(TransportTest, AGripperThatIsNotThereIsSaidSo) {
+  auto a = client();
+  proto::Request request;
+  request.mutable_gripper();
+  EXPECT_EQ(a.ask(request).error().code(), proto::Error::INVALID_ARGUMENT);
+  request.mutable_gripper()->mutable_homing();
+  const auto reply = a.ask(request);
+  EXPECT_EQ(reply.error().code(), proto::Error::NOT_READY);
+  EXPECT_NE(reply.error().message().find("without a gripper"), std::string::npos) << reply.error().message();
+}
+
+TEST_F(TransportTest, StatesArePublishedToWhoListens) {
+  zmq::socket_t subscriber(context_, zmq::socket_type::sub);
+  subscriber.set(zmq::sockopt::linger, 0);
+  subscriber.set(zmq::sockopt::rcvtimeo, 100);
+  subscriber.set(zmq::sockopt::subscribe, "");
+  subscriber.connect(publisher_.endpoint());
+  zmq::message_t message;
+  for (int n = 0; n < 200 && !subscriber.recv(message); ++n) publish();  // until the subscription has arrived
+  proto::ArmState state;
+  ASSERT_TRUE(state.ParseFromArray(message.data(), static_cast<int>(message.size())));
+  EXPECT_EQ(state.robot().q(3), models::kHome[3]);
+  const auto last = state.cycles();
+  // From then on each of them, in order.
+  for (int n = 1; n <= 50; ++n) publish();
+  for (auto expected = last + 1; expected <= record_.cycles; ++expected) {
+    ASSERT_TRUE(subscriber.recv(message));
+    ASSERT_TRUE(state.ParseFromArray(message.data(), static_cast<int>(message.size())));
+    EXPECT_EQ(state.cycles(), expected);
+  }
+}
+
+}  // namespace
+}  // namespace server
