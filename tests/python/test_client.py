@@ -244,7 +244,8 @@ def test_a_forked_child_makes_a_connection_of_its_own(server, arm):
 
 
 INTERRUPTED = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
 from frankapy import FrankaArm
 arm = FrankaArm(server=sys.argv[1])
 try:
