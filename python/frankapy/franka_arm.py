@@ -734,13 +734,13 @@ class FrankaArm:
             places = walls[np.argmin(walls[:, 6:9], axis=1) == axis, axis]
             if not len(places):
                 continue
-            for value in points[:, axis]:
-                if not places.min() < value < places.max():
-                    raise FrankaArmArgumentError(
-                        f"{what} {name} = {value:.3f} m: the virtual walls are at {places.min():g} and "
-                        f"{places.max():g} m (FrankaConstants.WORKSPACE_WALLS). ignore_virtual_walls=True goes there "
-                        f"all the same"
-                    )
+            lower, upper = places.min(), places.max()
+            beyond = points[~((lower < points[:, axis]) & (points[:, axis] < upper)), axis]
+            if len(beyond):
+                raise FrankaArmArgumentError(
+                    f"{what} {name} = {beyond[0]:.3f} m: the virtual walls are at {lower:g} and {upper:g} m "
+                    f"(FrankaConstants.WORKSPACE_WALLS). ignore_virtual_walls=True goes there all the same"
+                )
 
     def _refuse_not_built(self, dynamic: bool, force_thresholds: Any, torque_thresholds: Any) -> None:
         if dynamic:
