@@ -162,6 +162,13 @@ SpecPtr arm_spec(const models::Arm& arm, bool with_hand) {
   return spec;
 }
 
+// MuJoCo's messages have several lines.
+std::string one_line(std::string text) {
+  while (!text.empty() && text.back() == '\n') text.pop_back();
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
 SpecPtr read_scene(const std::string& file) {
   char error[1000] = "";
   if (file.empty()) return SpecPtr(mj_parseXMLString(kFloorOnly, nullptr, error, sizeof error));
@@ -169,7 +176,7 @@ SpecPtr read_scene(const std::string& file) {
     throw std::runtime_error("scene " + file + ": no such file; expected an MJCF file");
   }
   SpecPtr spec(mj_parseXML(file.c_str(), nullptr, error, sizeof error));
-  if (!spec) throw std::runtime_error("scene " + file + " is not MJCF that MuJoCo reads: " + error);
+  if (!spec) throw std::runtime_error("scene " + file + " is not MJCF that MuJoCo reads: " + one_line(error));
   return spec;
 }
 
@@ -277,12 +284,12 @@ ModelPtr build_scene(const models::Arm& arm, bool hand, const std::string& scene
   SpecPtr child = arm_spec(arm, hand);
   if (!meshes.empty()) add_meshes(child.get(), meshes);
   if (!mjs_attach(place, mjs_findBody(child.get(), "link0")->element, kArmPrefix, "")) {
-    throw std::runtime_error(title + ": the arm could not be placed in it: " + mjs_getError(spec.get()));
+    throw std::runtime_error(title + ": the arm could not be placed in it: " + one_line(mjs_getError(spec.get())));
   }
   set_physics(spec->option, timestep);
 
   ModelPtr model(mj_compile(spec.get(), nullptr));
-  if (!model) throw std::runtime_error(title + " does not compile with the arm in it: " + mjs_getError(spec.get()));
+  if (!model) throw std::runtime_error(title + " does not compile with the arm in it: " + one_line(mjs_getError(spec.get())));
 
   restore_inertia(model.get(), arm);
 

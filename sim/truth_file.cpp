@@ -33,6 +33,7 @@ TruthFile::TruthFile(const std::string& path, const World& world) : path_(path) 
   objects_ = world.objects().size();
   field("qpos", "<f8", world.qpos().size());
   write_header();
+  std::fflush(file_);
 }
 
 TruthFile::~TruthFile() {

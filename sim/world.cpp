@@ -17,6 +17,7 @@ constexpr double kCycle = 1e-3;  // s
 constexpr double kGearStiffness = 4e4;  // N/m
 constexpr double kGearDamping = 50;     // N s/m
 constexpr double kFingerDamping = 10;   // N s/m, also in an ideal arm
+constexpr double kFingerStart = 0.039;  // m, just off the stop
 
 }  // namespace
 
@@ -88,7 +89,7 @@ World::World(const Options& options) : impl_(std::make_unique<Impl>()) {
       const int joint = w.id(mjOBJ_JOINT, name);
       w.finger_q_at[i] = m->jnt_qposadr[joint];
       w.finger_dq_at[i] = m->jnt_dofadr[joint];
-      w.data->qpos[w.finger_q_at[i]] = models::hand::kMaxWidth / 2;
+      w.data->qpos[w.finger_q_at[i]] = kFingerStart;
       w.tool_part[w.id(mjOBJ_BODY, name)] = 2 + i;
     }
   } else {
@@ -100,13 +101,20 @@ World::World(const Options& options) : impl_(std::make_unique<Impl>()) {
   for (int body = 1; body < m->nbody; ++body) {
     const int joint = m->body_jntadr[body];
     if (joint < 0 || m->jnt_type[joint] != mjJNT_FREE) continue;
-    if (*mj_id2name(m, mjOBJ_BODY, body) == '\0') {
+    if (!mj_id2name(m, mjOBJ_BODY, body)) {
       throw std::runtime_error("scene " + options.scene + ": a free body has no name; expected <body name=\"...\">");
     }
     w.objects.push_back(body);
   }
 
   mj_step1(m, w.data.get());
+  if (options.hand) {
+    // The gear already carries the fingers' weight: an arm that is held starts at rest.
+    const double bend = w.data->qfrc_bias[w.finger_dq_at[0]] / kGearStiffness;
+    w.data->qpos[w.finger_q_at[0]] -= bend / 2;
+    w.data->qpos[w.finger_q_at[1]] += bend / 2;
+    mj_step1(m, w.data.get());
+  }
   mju_copy3(w.base_p.data(), w.data->xpos + 3 * base);
   mju_copy(w.base_R.data(), w.data->xmat + 9 * base, 9);
   w.read_state();
