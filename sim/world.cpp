@@ -108,13 +108,6 @@ World::World(const Options& options) : impl_(std::make_unique<Impl>()) {
   }
 
   mj_step1(m, w.data.get());
-  if (options.hand) {
-    // The gear already carries the fingers' weight: an arm that is held starts at rest.
-    const double bend = w.data->qfrc_bias[w.finger_dq_at[0]] / kGearStiffness;
-    w.data->qpos[w.finger_q_at[0]] -= bend / 2;
-    w.data->qpos[w.finger_q_at[1]] += bend / 2;
-    mj_step1(m, w.data.get());
-  }
   mju_copy3(w.base_p.data(), w.data->xpos + 3 * base);
   mju_copy(w.base_R.data(), w.data->xmat + 9 * base, 9);
   w.read_state();
@@ -143,7 +136,10 @@ void World::Impl::apply_forces(const Vector7& tau_motor, const std::array<double
     friction_sum[i] += tau_f;
   }
   if (!hand) return;
-  const double gear = kGearStiffness * (data->qpos[finger_q_at[1]] - data->qpos[finger_q_at[0]]) +
+  // The gear bears what of weight and inertia would move both fingers to one side; spring and damper the rest.
+  const double* bias = data->qfrc_bias;
+  const double gear = 0.5 * (bias[finger_dq_at[0]] - bias[finger_dq_at[1]]) +
+                      kGearStiffness * (data->qpos[finger_q_at[1]] - data->qpos[finger_q_at[0]]) +
                       kGearDamping * (dq[finger_dq_at[1]] - dq[finger_dq_at[0]]);
   for (int i = 0; i < 2; ++i) {
     const int at = finger_dq_at[i];
