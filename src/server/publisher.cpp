@@ -15,6 +15,7 @@ namespace proto = frankapy::proto;
 namespace {
 
 constexpr auto kPeriod = std::chrono::microseconds(500);
+constexpr auto kTell = std::chrono::seconds(1);
 constexpr std::size_t kDescriptionsKept = 64;
 
 std::int64_t now_ns() {
@@ -40,20 +41,21 @@ Publisher::~Publisher() {
 }
 
 void Publisher::run() {
-  std::uint64_t lost = 0;
+  std::uint64_t lost = 0;  // told of
+  auto told = std::chrono::steady_clock::now();
   while (!quit_) {
     take_subscriptions();
-    const realtime::Record* last = nullptr;
     while (const realtime::Record* record = door_.records.front()) {
       if (subscriptions_ > 0) publish(*record);
-      last = record;
       const std::lock_guard lock(mutex_);
       newest_ = *record;
       door_.records.pop();
     }
-    if (const std::uint64_t now = door_.records_lost.load(); last != nullptr && now != lost) {
-      spdlog::warn("{} states were not published: this computer is too busy", now - lost);
-      lost = now;
+    const auto now = std::chrono::steady_clock::now();
+    if (const std::uint64_t all = door_.records_lost.load(); all != lost && now - told > kTell) {
+      spdlog::warn("{} states were not published: this computer is too busy", all - lost);
+      lost = all;
+      told = now;
     }
     std::this_thread::sleep_for(kPeriod);
   }

@@ -57,6 +57,16 @@ Reference start_of(ReferenceKind kind, const realtime::Record& now) {
   return start;
 }
 
+std::string text_of(const Reference& reference) {
+  const auto numbers = [](const auto& v) {
+    std::string text;
+    for (double each : v) text += fmt::format("{}{:.4f}", text.empty() ? "" : ", ", each);
+    return "[" + text + "]";
+  };
+  return reference.kind == ReferenceKind::kJoint ? numbers(reference.joint.q) + " rad"
+                                                 : numbers(reference.cartesian.position) + " m";
+}
+
 Eigen::Isometry3d pose_of(const Reference& reference) {
   Eigen::Isometry3d pose(reference.cartesian.orientation);
   pose.translation() = reference.cartesian.position;
@@ -97,6 +107,10 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
 
   // The loop starts it again, from where the arm then is.
   skill->trajectory->start(start_of(kind, now));
+  if (skill->trajectory->shortened()) {
+    refuse(fmt::format("{}: its goal is beyond the arm's range; the nearest is {}", trajectory,
+                       text_of(skill->trajectory->goal())));
+  }
   if (kind == ReferenceKind::kJoint) {
     check_joint_path(*skill->trajectory, trajectory);
   } else {

@@ -164,7 +164,8 @@ class Child {
 
 class Supervisor {
  public:
-  Supervisor(const Config& config, const std::string& toml) : socket_(context_, zmq::socket_type::router) {
+  Supervisor(const Config& config, const std::string& toml)
+      : listen_(config.listen), socket_(context_, zmq::socket_type::router) {
     socket_.set(zmq::sockopt::linger, 0);
     socket_.set(zmq::sockopt::maxmsgsize, kMaxMessage);
     try {
@@ -188,6 +189,10 @@ class Supervisor {
     const int signal_fd = signalfd(-1, &signals, SFD_CLOEXEC);
     std::printf("listening on %s\n", socket_.get(zmq::sockopt::last_endpoint).c_str());
     std::fflush(stdout);
+
+    if (!listen_.starts_with("127.")) {
+      spdlog::warn("whoever reaches {} over the network can move the arms: see that only those do who may", listen_);
+    }
 
     bool stopping = false;
     Clock::time_point stop_until{};
@@ -250,6 +255,7 @@ class Supervisor {
     }
   }
 
+  const std::string listen_;
   zmq::context_t context_;
   zmq::socket_t socket_;
   std::vector<std::unique_ptr<Child>> children_;

@@ -77,6 +77,15 @@ TEST_F(SkillBuilderTest, JointsOutOfRangeAreRefused) {
   EXPECT_TRUE(text.starts_with("MinJerkJoint: q[3] is 0.04")) << text;
 }
 
+TEST_F(SkillBuilderTest, RelativeGoalsOutOfRangeAreRefused) {
+  proto::RelativeMinJerkJoint message;
+  for (int i = 0; i < 7; ++i) message.add_delta_q(i == 3 ? 2.4 : 0);
+  const std::string text = error_of(skill_of(message, proto::JointImpedance()));
+  EXPECT_TRUE(text.starts_with("RelativeMinJerkJoint: its goal is beyond the arm's range; the nearest is [")) << text;
+  message.set_delta_q(3, 0.4);
+  EXPECT_EQ(error_of(skill_of(message, proto::JointImpedance())), "no error");
+}
+
 TEST_F(SkillBuilderTest, PosesOutOfReachAreRefusedWithWhatIsReached) {
   for (const double x : {0.8, 1.9}) {
     const std::string text = error_of(skill_of(pose_motion(x, 0, 0), proto::CartesianImpedance()));

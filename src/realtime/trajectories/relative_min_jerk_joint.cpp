@@ -14,8 +14,11 @@ RelativeMinJerkJoint::RelativeMinJerkJoint(const Parameters& parameters, const m
 }
 
 void RelativeMinJerkJoint::start(const Reference& from) noexcept {
+  shortened_ = false;
   for (int i = 0; i < models::kJoints; ++i) {
-    goal_.joint.q[i] = std::clamp(from.joint.q[i] + delta_q_[i], rest_min(limits_, i), rest_max(limits_, i));
+    const double wanted = from.joint.q[i] + delta_q_[i];
+    goal_.joint.q[i] = std::clamp(wanted, rest_min(limits_, i), rest_max(limits_, i));
+    shortened_ |= goal_.joint.q[i] != wanted;
   }
   MinJerkJoint::start(from);
 }

@@ -17,9 +17,11 @@ class RelativeMinJerkJoint : public MinJerkJoint {
   RelativeMinJerkJoint(const Parameters& parameters, const models::Limits& limits);
 
   void start(const Reference& from) noexcept override;
+  bool shortened() const noexcept override { return shortened_; }
 
  private:
   Vector7 delta_q_;
+  bool shortened_ = false;
 };
 
 }  // namespace realtime

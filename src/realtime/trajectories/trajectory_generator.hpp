@@ -24,6 +24,10 @@ class TrajectoryGenerator {
   // Where it ends, known from start() on.
   virtual const Reference& goal() const noexcept = 0;
 
+  // True when what was asked for lies beyond the arm's range and goal() falls short of it; known from
+  // start() on.
+  virtual bool shortened() const noexcept { return false; }
+
   // Duration after stretching, s, and by what factor (>= 1) it was stretched; known from start() on.
   virtual double duration() const noexcept = 0;
   virtual double stretch() const noexcept = 0;

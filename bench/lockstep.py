@@ -1,0 +1,49 @@
+"""How much faster than real time a contact is simulated: server and simulated arm in lockstep, two processes over UDP.
+
+The server's Cartesian impedance presses the hand on a plate with 10 N for 60 s of the robot's clock.
+  lockstep_realtime_factor   that time by the time it took
+"""
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from frankapy import FrankaArm
+from frankapy.sim import SimulatedArm, Simulation, read_truth
+
+SECONDS = 60  # simulated
+FORCE = 10  # N
+STIFFNESS = [600, 600, 600, 50, 50, 50]  # N/m, Nm/rad
+PLATE = 0.2  # m, the height of its top
+SCENE = Path(__file__).resolve().parent.parent / "sim" / "scenes" / "plate.xml"
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        truth = Path(folder) / "truth.npy"
+        arm = SimulatedArm(lockstep=True, scene=SCENE, truth=truth)
+        with Simulation(arm) as simulation, FrankaArm(server=simulation.server) as fa:
+            fa.reset_joints(3)
+            fa.close_gripper(grasp=False)
+            pose = fa.get_pose()
+            pose.translation[:] = [0.5, 0, PLATE + 0.02]
+            fa.goto_pose(pose, 3, cartesian_impedances=STIFFNESS)
+            # The hand stops at the plate, and its spring goes on.
+            pose.translation[2] = PLATE - FORCE / STIFFNESS[2]
+            fa.goto_pose(pose, 2, buffer_time=SECONDS - 2, cartesian_impedances=STIFFNESS)
+            result = fa.last_skill_result
+            rows = read_truth(truth, until=result.last_state.robot.message_id)
+    pressing = rows[rows["message_id"] <= result.last_state.robot.message_id][-1000 * (SECONDS - 5) :]
+    force = pressing["contact_wrench"][:, 2]
+    print(f"pressed for {result.time:.1f} s with {force.mean():.2f} N ({force.min():.2f} to {force.max():.2f})", file=sys.stderr)
+    if abs(result.time - SECONDS) > 0.5 or abs(force.mean() - FORCE) > 0.2 * FORCE or np.any(force <= 0):
+        sys.exit(f"It should have pressed for {SECONDS} s with {FORCE} N within 20 %, without leaving the plate.")
+    took = (result.last_cycle_ns - result.first_command_ns) / 1e9
+    print(json.dumps({"lockstep_realtime_factor": result.time / took}))
+
+
+if __name__ == "__main__":
+    main()
