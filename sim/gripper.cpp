@@ -45,7 +45,7 @@ void Gripper::grasp(const fci::gripper::Grasp& request) {
   // them that the force is reached there.
   const double force = std::min(request.force, kMaxForce);
   const double beyond = 2 * force / kStiffness;
-  const bool close = request.width <= state_.width;
+  const bool close = request.width - request.epsilon_inner <= state_.width;
   begin(Task::kGrasp, close ? -beyond : kMaxWidth + beyond, request.speed, force);
 }
 

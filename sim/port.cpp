@@ -21,20 +21,19 @@ Port::Port(const char* title, const in_addr& address, std::uint16_t port, std::s
     : title_(title), header_size_(header_size), max_size_(max_size), listener_(address, port, poller) {}
 
 void Port::serve() {
+  // Newcomers are fetched before the client is looked at: one who has left before they came is then found to have left.
+  while (auto newcomer = listener_.accept()) {
+    if (waiting_.size() < kMaxWaiting) {
+      waiting_.push_back(std::move(*newcomer));
+    } else {
+      refuse(*newcomer, "too many connections wait that have not said Connect");
+    }
+  }
   if (client_) {
     const bool open = client_->flush() && client_->receive();
     while (client_ && take_request()) {
     }
     if (client_ && !open) drop("closed the connection");
-  }
-  while (auto newcomer = listener_.accept()) {
-    if (client_) {
-      refuse(*newcomer, client_->name() + " is connected, and only one client is served at a time");
-    } else if (waiting_.size() >= kMaxWaiting) {
-      refuse(*newcomer, "too many connections wait that have not said Connect");
-    } else {
-      waiting_.push_back(std::move(*newcomer));
-    }
   }
   waiting_.remove_if([&](Connection& newcomer) { return !greet(newcomer); });
 }

@@ -228,8 +228,8 @@ struct Move {
   static constexpr Command kCommand = Command::kMove;
   ControllerMode controller_mode = ControllerMode::kJointImpedance;
   MotionGeneratorMode motion_generator_mode = MotionGeneratorMode::kJointPosition;
-  Deviation maximum_path_deviation;
-  Deviation maximum_goal_pose_deviation;
+  Deviation maximum_path_deviation = {};
+  Deviation maximum_goal_pose_deviation = {};
   bool use_async_motion_generator = false;  // version 10
   Vector7 maximum_velocity{};               // rad/s; version 10, for the asynchronous generator
 };

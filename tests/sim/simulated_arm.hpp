@@ -1,0 +1,116 @@
+#pragma once
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace testing_tools {
+
+// A child process fci-sim on an address of its own, ready when the constructor returns.
+class SimulatedArm {
+ public:
+  explicit SimulatedArm(std::vector<std::string> arguments = {}, std::string address = free_address())
+      : address_(std::move(address)), folder_(make_folder()) {
+    arguments.insert(arguments.begin(), {BIN_DIR "/fci-sim", "--listen", address_});
+    start(arguments);
+    char byte = 0;
+    while (::read(out_, &byte, 1) == 1 && byte != '\n') ready_line_ += byte;
+  }
+  ~SimulatedArm() {
+    if (process_ > 0) terminate();
+    ::close(out_);
+    std::filesystem::remove_all(folder_);
+  }
+  SimulatedArm(const SimulatedArm&) = delete;
+
+  const std::string& address() const { return address_; }
+  const std::string& ready_line() const { return ready_line_; }
+
+  // What it said on stderr.
+  std::string log() const {
+    std::ifstream file(folder_ / "log");
+    std::stringstream text;
+    text << file.rdbuf();
+    return text.str();
+  }
+  bool runs() {
+    return process_ > 0 && ::waitpid(process_, &status_, WNOHANG) == 0;
+  }
+  // Ends it as a user would; its exit code.
+  int terminate() {
+    ::kill(process_, SIGTERM);
+    return wait();
+  }
+  int wait() {
+    ::waitpid(process_, &status_, 0);
+    process_ = 0;
+    return WIFEXITED(status_) ? WEXITSTATUS(status_) : -WTERMSIG(status_);
+  }
+
+  static std::string free_address() {
+    static std::mt19937 random{std::random_device{}()};
+    std::uniform_int_distribution<> part(1, 254);
+    for (;;) {
+      const std::string address =
+          "127." + std::to_string(part(random)) + "." + std::to_string(part(random)) + "." + std::to_string(part(random));
+      if (is_free(address, 1337) && is_free(address, 1338)) return address;
+    }
+  }
+
+ private:
+  static bool is_free(const std::string& address, std::uint16_t port) {
+    sockaddr_in own{};
+    own.sin_family = AF_INET;
+    own.sin_port = htons(port);
+    ::inet_pton(AF_INET, address.c_str(), &own.sin_addr);
+    const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
+    const bool bound = ::bind(fd, reinterpret_cast<sockaddr*>(&own), sizeof own) == 0;
+    ::close(fd);
+    return bound;
+  }
+  static std::filesystem::path make_folder() {
+    std::string name = (std::filesystem::temp_directory_path() / "fci-sim.XXXXXX").string();
+    return ::mkdtemp(name.data());
+  }
+
+  void start(std::vector<std::string>& arguments) {
+    std::array<int, 2> pipe;
+    ASSERT_EQ(::pipe2(pipe.data(), O_CLOEXEC), 0);
+    const std::string log = (folder_ / "log").string();
+    std::vector<char*> argv;
+    for (auto& argument : arguments) argv.push_back(argument.data());
+    argv.push_back(nullptr);
+    process_ = ::fork();
+    if (process_ == 0) {
+      ::dup2(pipe[1], 1);
+      ::dup2(::open(log.c_str(), O_CREAT | O_WRONLY, 0600), 2);
+      ::execv(argv[0], argv.data());
+      ::_exit(127);
+    }
+    ::close(pipe[1]);
+    out_ = pipe[0];
+  }
+
+  std::string address_;
+  std::filesystem::path folder_;
+  std::string ready_line_;
+  pid_t process_ = 0;
+  int out_ = -1;
+  int status_ = 0;
+};
+
+}  // namespace testing_tools

@@ -1,0 +1,105 @@
+// The hand over the wire, and with the arm.
+
+#include <cmath>
+
+#include "raw_client.hpp"
+#include "simulated_arm.hpp"
+
+namespace {
+
+using namespace testing_tools;
+namespace gripper = fci::gripper;
+using gripper::Status;
+
+TEST(Gripper, FindsItsWidthAndMovesToOthers) {
+  SimulatedArm arm;
+  RawGripper hand(arm.address());
+  ASSERT_EQ(hand.connect_status, Status::kSuccess);
+  EXPECT_EQ(hand.newest().max_width, 0);
+  EXPECT_EQ(hand.ask(gripper::Homing{}), Status::kSuccess);
+  EXPECT_NEAR(hand.fresh().max_width, 0.08, 0.001);
+  EXPECT_EQ(hand.ask(gripper::Move{.width = 0.03, .speed = 0.1}), Status::kSuccess);
+  EXPECT_NEAR(hand.fresh().width, 0.03, 0.001);
+  EXPECT_FALSE(hand.state.is_grasped);
+  EXPECT_EQ(hand.ask(gripper::Grasp{0.03, 0.005, 0.005, 0.1, 20}), Status::kUnsuccessful);  // air
+}
+
+TEST(Gripper, RefusesWhatItCannotDo) {
+  SimulatedArm arm;
+  RawGripper hand(arm.address());
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (const gripper::Move& move : {gripper::Move{-0.01, 0.1}, {0.09, 0.1}, {nan, 0.1}, {0.04, 0}, {0.04, nan}}) {
+    EXPECT_EQ(hand.ask(move), Status::kFail);
+  }
+  for (const gripper::Grasp& grasp :
+       {gripper::Grasp{0.02, 0.01, 0.01, 0.1, 0}, {0.02, 0.01, 0.01, 0.1, nan}, {0.02, -1, 0.01, 0.1, 10}, {0.2, 0, 0, 0.1, 10}}) {
+    EXPECT_EQ(hand.ask(grasp), Status::kFail);
+  }
+  EXPECT_EQ(hand.ask(gripper::Move{0.04, 0.1}), Status::kSuccess);
+}
+
+TEST(Gripper, StopAbortsWhatIsUnderWay) {
+  SimulatedArm arm;
+  RawGripper hand(arm.address());
+  EXPECT_EQ(hand.ask(gripper::Move{0, 0.1}), Status::kSuccess);
+  const auto move = hand.post(gripper::Move{0.08, 0.01});
+  while (hand.newest().width < 0.005) {
+  }
+  const auto stop = hand.post(gripper::Stop{});
+  EXPECT_EQ(hand.answer(move), Status::kAborted);
+  EXPECT_EQ(hand.answer(stop), Status::kSuccess);
+  for (int i = 0; i < 10; ++i) hand.newest();
+  const double width = hand.state.width;
+  EXPECT_LT(width, 0.06);
+  for (int i = 0; i < 10; ++i) hand.newest();
+  EXPECT_NEAR(hand.state.width, width, 1e-4);
+}
+
+TEST(Gripper, OtherVersionsAreRefused) {
+  SimulatedArm arm;
+  EXPECT_NE(RawGripper(arm.address(), 2).connect_status, Status::kSuccess);
+  EXPECT_EQ(RawGripper(arm.address(), 3).connect_status, Status::kSuccess);
+}
+
+TEST(Gripper, TakesABlockFromTheTableAndLiftsIt) {
+  SimulatedArm arm({"--lockstep", "--scene", REPOSITORY_DIR "/sim/scenes/table_with_block.xml"});
+  RawClient robot(arm.address(), 10);
+  RawGripper hand(arm.address());
+  ASSERT_EQ(hand.ask(gripper::Move{0.08, 0.1}), Status::kSuccess);
+
+  // The tool to (x, y, z) with minimum jerk; the arm waits for each command, so it takes as long as it takes.
+  const auto go = [&](double x, double y, double z, int cycles) {
+    robot.start({.motion_generator_mode = fci::MotionGeneratorMode::kCartesianPosition});
+    const auto start = robot.state.O_T_EE_c;
+    const auto make = [&](int cycle) {
+      const double s = std::min(1., static_cast<double>(cycle) / cycles);
+      const double part = s * s * s * (10 - 15 * s + 6 * s * s);
+      fci::RobotCommand command;
+      command.O_T_EE_c = start;
+      command.O_T_EE_c[12] += part * (x - start[12]);
+      command.O_T_EE_c[13] += part * (y - start[13]);
+      command.O_T_EE_c[14] += part * (z - start[14]);
+      return command;
+    };
+    robot.drive(cycles + 100, make);
+    EXPECT_EQ(robot.finish(make(cycles)), fci::Status::kSuccess);
+  };
+  go(0.5, -0.15, 0.15, 2000);
+  go(0.5, -0.15, 0.02, 1500);
+  EXPECT_EQ(hand.ask(gripper::Grasp{0.03, 0.005, 0.005, 0.1, 30}), Status::kUnsuccessful);  // it is 4 cm wide
+  EXPECT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 30}), Status::kSuccess);
+  hand.fresh();
+  EXPECT_TRUE(hand.state.is_grasped);
+  EXPECT_NEAR(hand.state.width, 0.04, 0.002);
+  go(0.5, -0.15, 0.2, 1500);
+  for (int i = 0; i < 5; ++i) hand.newest();
+  EXPECT_TRUE(hand.state.is_grasped);
+  // It has the block's weight: 0.1 kg.
+  for (int i = 0; i < 300; ++i) robot.receive();
+  EXPECT_NEAR(robot.newest().O_F_ext_hat_K[2], 0.1 * 9.81, 0.8);
+  EXPECT_EQ(hand.ask(gripper::Move{0.08, 0.1}), Status::kSuccess);
+  hand.fresh();
+  EXPECT_FALSE(hand.state.is_grasped);
+}
+
+}  // namespace
