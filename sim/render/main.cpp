@@ -134,7 +134,7 @@ void light(mjVisual& visual, int width, int height) {
     visual.headlight.diffuse[i] = 0.22f;
     visual.headlight.specular[i] = 0.05f;
   }
-  visual.quality.shadowsize = 4096;
+  visual.quality.shadowsize = 2048;
   visual.map.znear = 0.02f;
   visual.global.offwidth = width;
   visual.global.offheight = height;
@@ -166,7 +166,7 @@ Picture draw(mjModel* model, const Run& run, const std::vector<double>& times, b
   mju_copy3(camera.lookat, model->site_pos + 3 * base);
   camera.lookat[0] += 0.27;
   camera.lookat[2] += 0.28;
-  camera.distance = 1.75;
+  camera.distance = 1.7;
   camera.azimuth = 138;
   camera.elevation = -20;
 
@@ -207,12 +207,10 @@ int main(int argc, char** argv) {
   CLI::App app("Draws a run of the simulated arm, from the file that fci-sim --truth wrote, as a strip of pictures.");
   std::string robot = "fr3", scene, truth, output = "arm.png", meshes = FRANKA_MESHES;
   std::vector<double> times;
-  int width = 480, height = 480;
-  bool no_hand = false;
+  int width = 420, height = 460;
   app.add_option("--truth,truth", truth, "what to draw")->required();
   app.add_option("--robot", robot, "as given to fci-sim")->capture_default_str();
   app.add_option("--scene", scene, "as given to fci-sim");
-  app.add_flag("--no-hand", no_hand, "as given to fci-sim");
   app.add_option("--times", times, "moments, s of the run; six from the first to the last movement otherwise")
       ->delimiter(',')
       ->allow_extra_args(false);
@@ -226,10 +224,10 @@ int main(int argc, char** argv) {
   try {
     if (!std::filesystem::is_directory(meshes)) meshes.clear();
     const sim::Run run = sim::read_truth(truth);
-    const sim::ModelPtr model = sim::build_scene(models::arm(robot), !no_hand, scene, 1e-3, meshes);
+    const sim::ModelPtr model = sim::build_scene(models::arm(robot), true, scene, 1e-3, meshes);
     if (static_cast<std::size_t>(model->nq) != run.nq) {
       throw std::runtime_error(truth + " has " + std::to_string(run.nq) + " joint coordinates, this arm and scene " +
-                               std::to_string(model->nq) + ": give --scene and --no-hand as they were given to fci-sim");
+                               std::to_string(model->nq) + ": give --robot and --scene as they were given to fci-sim");
     }
     if (times.empty()) times = sim::moments(run, 6);
     sim::write_png(output, sim::draw(model.get(), run, times, !meshes.empty(), width, height));
