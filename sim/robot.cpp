@@ -270,7 +270,7 @@ Vector7 Robot::control(const fci::RobotCommand* command) {
       break;
     case Phase::kStopping:
       brake();
-      if (desired_.dq.isZero(0)) end(Phase::kIdle, Status::kPreempted);
+      if (desired_.dq.isZero(0)) end(Status::kPreempted);
       break;
     case Phase::kReflex: brake(); break;
     case Phase::kRecovering:
@@ -358,17 +358,17 @@ void Robot::finish() {
   if (error) {
     reflex(*error);
   } else {
-    end(Phase::kIdle, Status::kSuccess);
+    end(Status::kSuccess);
   }
 }
 
 // After a motion with an internal controller this one goes on and holds q_d, after torques the arm is held where it is.
-void Robot::end(Phase phase, Status outcome) {
-  phase_ = phase;
+void Robot::end(Status outcome) {
+  phase_ = Phase::kIdle;
   outcome_ = outcome;
   if (external()) {
     holding_ = ControllerMode::kJointImpedance;
-    rest_at(q_);
+    rest_at(outcome == Status::kSuccess ? q_ : desired_.q);
   } else {
     holding_ = motion_.controller;
     rest_at(desired_.q);
@@ -481,8 +481,8 @@ void Robot::report() {
   put(desired_.dq, s.dq_d);
   put(desired_.ddq, s.ddq_d);
   put(tau_J_d_, s.tau_J_d);
-  desired_model_.update(desired_.q, desired_.dq);
-  s.O_T_EE_d = pose(desired_model_.O_T_F() * F_T_EE_);
+  s.O_T_EE_d = pose(desired_.O_T_EE_d);
+  desired_model_.update_kinematics(desired_.q);
   put(Wrench(desired_model_.jacobian(F_T_EE_.topRightCorner<3, 1>()) * desired_.dq), s.O_dP_EE_d);
   s.elbow_d = elbow(desired_.q);
   s.O_T_EE_c = pose(desired_.O_T_EE_c);

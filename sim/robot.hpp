@@ -89,7 +89,7 @@ class Robot {
   void count(bool received);
   void filter(fci::RobotCommand& command);
   void finish();
-  void end(Phase phase, fci::Status outcome);
+  void end(fci::Status outcome);
   void reflex(fci::Error error, fci::Status outcome = fci::Status::kReflexAborted);
   void rest_at(const Vector& q);
   void begin_braking();
@@ -101,8 +101,8 @@ class Robot {
   const models::Arm& arm_;
   fci::Version version_ = fci::kNewestVersion;
   const models::Limits* limits_;
-  ArmModel model_;    // at the measured joints
-  ArmModel desired_model_;
+  ArmModel model_;          // at the measured joints
+  ArmModel desired_model_;  // at the desired ones; kinematics only
   InternalController internal_;
   MotionGenerator generator_;
 
