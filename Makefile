@@ -10,16 +10,24 @@ JOBS   := $(shell nproc)
 # Another project's environment (ROS sets this one) must not reach ours.
 unexport PYTHONPATH
 
+# Recordings of what runs from here stay here.
+export XDG_DATA_HOME := $(CURDIR)/$(BUILD)/data
+
+# A clone in another folder finds what this one compiled.
+export CCACHE_BASEDIR := $(CURDIR)
+export CCACHE_NOHASHDIR := 1
+export CCACHE_SLOPPINESS := pch_defines,time_macros
+
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help packages setup build demo test bench interop sanitize asan tsan clean
+.PHONY: help packages setup build demo test bench interop fuzz sanitize asan tsan clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(VENV)/.frankapy ## install what is missing: system packages, .venv, frankapy in it
 
-build: $(BUILD)/build.ninja ## configure and compile everything
+build: $(BUILD)/build.ninja ## configure and compile programs and tests
 	cmake --build $(BUILD) -j $(JOBS)
 
 demo: $(BUILD)/build.ninja $(VENV)/.frankapy ## watch a Python script move a simulated arm
@@ -31,10 +39,16 @@ test: build $(VENV)/.frankapy ## run the C++ and the Python tests
 	$(VENV)/bin/python -m pytest tests/python
 
 bench: build $(VENV)/.frankapy ## measure, and write build/bench.json
+	cmake --build $(BUILD) -j $(JOBS) --target bench/all
 	$(VENV)/bin/python bench/run.py
 
 interop: build $(VENV)/.frankapy ## run independent programs against ours
 	$(VENV)/bin/python tests/interop/run.py
+
+fuzz: $(BUILD)/asan/build.ninja ## send mutated bytes to every parser, under sanitizers: SECONDS=600
+	cmake --build $(BUILD)/asan -j $(JOBS) --target client_to_arm arm_to_client
+	for target in client_to_arm arm_to_client; do \
+	  $(BUILD)/asan/bin/$$target tests/fuzz/corpus/$$target $(SECONDS) || exit 1; done
 
 sanitize: asan tsan ## run the C++ tests under address, undefined and thread sanitizer
 
@@ -48,7 +62,7 @@ packages:
 
 $(VENV)/.installed: requirements.lock requirements-meshes.lock | packages
 	$(PYTHON) -m venv --clear $(VENV)
-	$(VENV)/bin/python -m pip install --disable-pip-version-check --no-deps --require-hashes \
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --no-compile --no-deps --require-hashes \
 	  -r requirements.lock -r requirements-meshes.lock
 	@touch $@
 
@@ -62,6 +76,8 @@ $(BUILD)/build.ninja: $(VENV)/.installed
 $(BUILD)/%/build.ninja: $(VENV)/.installed
 	cmake -S . -B $(@D) -G Ninja -DSANITIZE=$(SANITIZE_$*)
 
+SECONDS := 600
+
 SANITIZE_asan := address,undefined
 SANITIZE_tsan := thread
 
@@ -69,7 +85,11 @@ SANITIZE_tsan := thread
 # forbid to ask for fixed ones (setarch -R), and then mostly does not need it.
 FIXED_ADDRESSES = $(shell setarch -R true 2> /dev/null && echo setarch -R)
 
+# Threads are in these rooms alone.
+TARGETS_tsan := --target robot_test server_test sim_test
+LABELS_tsan  := -L '^(robot|server|sim)$$'
+
 asan tsan: %: $(BUILD)/%/build.ninja
-	cmake --build $(BUILD)/$@ -j $(JOBS)
+	cmake --build $(BUILD)/$@ -j $(JOBS) $(TARGETS_$@)
 	TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" \
-	  $(FIXED_ADDRESSES) ctest --test-dir $(BUILD)/$@ -j $(JOBS) --output-on-failure
+	  $(FIXED_ADDRESSES) ctest --test-dir $(BUILD)/$@ $(LABELS_$@) -j $(JOBS) --output-on-failure

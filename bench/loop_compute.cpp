@@ -1,10 +1,12 @@
 // What the 1 kHz loop needs from a state in hand to the command that answers it, the network left out:
-// Record::compute_ns of every cycle in which a skill runs, takeovers included, for each combination of trajectory
-// and controller that there is. The arm is fci-sim, in a process of its own.
+// Record::compute_ns of every cycle in which a skill runs, takeovers included, for each combination of trajectory,
+// controller and robot controller that the server takes. The arm is fci-sim, in a process of its own.
 //   loop_compute_us_p50, _p99   in lockstep (states as fast as both can); the worst combination of each
 //   loop_compute_paced_us_p50   in real time, of the combination with the highest p50 in lockstep
+//   loop_compute_safe_us_p99    in lockstep with 20 boxes as walls about the arm (bench/boxes.hpp), of some of the combinations
 //   loop_allocations            of the loop's thread in all of this
 
+#include <google/protobuf/text_format.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -13,26 +15,23 @@
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
-#include <functional>
 #include <memory>
 #include <random>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "bench/boxes.hpp"
+#include "frankapy/proto/controllers.pb.h"
+#include "frankapy/proto/trajectories.pb.h"
 #include "models/arm.hpp"
-#include "realtime/controllers/cartesian_impedance.hpp"
-#include "realtime/controllers/internal_impedance.hpp"
-#include "realtime/controllers/joint_impedance.hpp"
 #include "realtime/loop.hpp"
-#include "realtime/rotation.hpp"
-#include "realtime/trajectories/min_jerk_joint.hpp"
-#include "realtime/trajectories/min_jerk_pose.hpp"
-#include "realtime/trajectories/relative_min_jerk_joint.hpp"
-#include "realtime/trajectories/relative_min_jerk_pose.hpp"
 #include "robot/fci_driver.hpp"
 #include "robot/socket.hpp"
 #include "server/realtime_setup.hpp"
+#include "server/refused.hpp"
+#include "server/registry.hpp"
+#include "server/skill_builder.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 
 namespace {
@@ -40,83 +39,152 @@ namespace {
 using namespace realtime;
 using namespace std::chrono_literals;
 
-constexpr std::size_t kCycles = 10'000;  // at least, of each combination
-constexpr int kRobotStart = 20;          // s for fci-sim to answer
-constexpr double kDuration = 0.8;        // s of each motion
-constexpr double kPreempt = 0.5;         // s after which every second motion is replaced by the next
+constexpr std::size_t kCycles = 4'000;  // at least, of each combination
+constexpr int kSafeStep = 8;            // one combination in so many is measured among walls
+constexpr int kRobotStart = 20;         // s for fci-sim to answer
+constexpr double kPreempt = 0.5;        // s after which every second motion is replaced by the next
 
-using Make = std::function<std::unique_ptr<Skill>(int turn)>;  // there and back, by turns
-
-struct Combination {
-  std::string name;
-  Make make;
+// A kind by its name, and its fields as text: there, and back.
+struct Example {
+  const char* kind;
+  const char* there;
+  const char* back;
 };
 
-std::vector<Combination> combinations(const models::Limits& limits, const Eigen::Isometry3d& home) {
-  const Vector7 q = Vector7::Map(models::kHome.data());
-  const auto orientation = [home](int turn) {
-    return realtime::exp(0.3 * (turn % 2) * Vector3::UnitX()) * Eigen::Quaterniond(home.linear());
-  };
-  using MakeTrajectory = std::function<std::unique_ptr<TrajectoryGenerator>(int)>;
-  const std::vector<std::pair<std::string, MakeTrajectory>> trajectories = {
-      {"MinJerkJoint",
-       [=](int turn) {
-         return std::make_unique<MinJerkJoint>(MinJerkJoint::Parameters{q.array() + 0.15 * (turn % 2), kDuration},
-                                               limits);
-       }},
-      {"RelativeMinJerkJoint",
-       [=](int turn) {
-         return std::make_unique<RelativeMinJerkJoint>(
-             RelativeMinJerkJoint::Parameters{Vector7::Constant(turn % 2 == 1 ? 0.1 : -0.1), kDuration}, limits);
-       }},
-      {"MinJerkPose",
-       [=](int turn) {
-         const Vector3 position = home.translation() + 0.08 * (turn % 2) * Vector3(1, 1, 1);
-         return std::make_unique<MinJerkPose>(MinJerkPose::Parameters{position, orientation(turn), kDuration}, limits);
-       }},
-      {"RelativeMinJerkPose", [=](int turn) {
-         const double way = turn % 2 == 1 ? 1 : -1;
-         return std::make_unique<RelativeMinJerkPose>(
-             RelativeMinJerkPose::Parameters{0.05 * way * Vector3(1, 1, 1), realtime::exp(0.2 * way * Vector3::UnitX()),
-                                             RelativeMinJerkPose::Frame::kBase, kDuration},
-             limits);
-       }}};
+#define HOME "0, -0.785, 0, -2.356, 0, 1.571, 0.785"
+#define AWAY "0.15, -0.635, 0.15, -2.206, 0.15, 1.721, 0.935"
+#define HOME_POSE "position: [0.307, 0, 0.487] quaternion: [0, 1, 0, 0]"
+#define AWAY_POSE "position: [0.387, 0.08, 0.437] quaternion: [0, 0.98877108, 0.14943813, 0]"
+#define THERE "translation: [0.05, 0.05, -0.05] quaternion: [0.99500417, 0.09983342, 0, 0] frame: BASE"
+#define BACK "translation: [-0.05, -0.05, 0.05] quaternion: [0.99500417, -0.09983342, 0, 0] frame: BASE"
 
-  using MakeController = std::function<std::unique_ptr<Controller>()>;
-  const Vector7 stiffness = (Vector7() << 600, 600, 600, 600, 250, 150, 50).finished();
-  const Vector7 damping = (Vector7() << 50, 50, 50, 50, 30, 25, 15).finished();
-  const std::vector<std::pair<std::string, MakeController>> controllers = {
-      {"JointImpedance",
-       [=] {
-         return std::make_unique<JointImpedance>(JointImpedance::Parameters{stiffness, damping});
-       }},
-      {"CartesianImpedance",
-       [] {
-         return std::make_unique<CartesianImpedance>(
-             CartesianImpedance::Parameters{Vector3::Constant(600), Vector3::Constant(50), 1, 10});
-       }},
-      {"InternalImpedance K_theta",
-       [] {
-         return std::make_unique<InternalImpedance>(
-             InternalImpedance::Parameters{Vector7(Vector7::Constant(2000)), {}});
-       }},
-      {"InternalImpedance K_x", [] {
-         return std::make_unique<InternalImpedance>(
-             InternalImpedance::Parameters{{}, (Vector6() << 2000, 2000, 2000, 200, 200, 200).finished()});
-       }}};
+#define SPRING "tau: 1 alpha: 200 beta: 50 mu: [1, 0.8] h: [50, 50] duration: 0.8 "
+#define QUATERNION_SPRING                                                                              \
+  "position_tau: 1 position_alpha: 200 position_beta: 50 position_mu: [1, 0.8] position_h: [50, 50] " \
+  "quat_alpha: 48 quat_beta: 12 quat_mu: [1, 0.8] quat_h: [50, 50] quat_weights: [0, 0, 0, 0, 0, 0] " \
+  "goal_quat: [0, 1, 0, 0] goal_quat_time: 0.6 duration: 0.8 "
 
+// A line for each kind of trajectory. Motions take 0.8 s.
+constexpr Example kTrajectories[] = {
+    {"MinJerkJoint", "q: [" AWAY "] duration: 0.8", "q: [" HOME "] duration: 0.8"},
+    {"RelativeMinJerkJoint", "delta_q: [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1] duration: 0.8",
+     "delta_q: [-0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1] duration: 0.8"},
+    {"MinJerkPose", AWAY_POSE " duration: 0.8", HOME_POSE " duration: 0.8"},
+    {"RelativeMinJerkPose", THERE " duration: 0.8", BACK " duration: 0.8"},
+    {"LinearJoint", "q: [" AWAY "] duration: 0.8", "q: [" HOME "] duration: 0.8"},
+    {"LinearPose", AWAY_POSE " duration: 0.8", HOME_POSE " duration: 0.8"},
+    {"RelativeLinearPose", THERE " duration: 0.8", BACK " duration: 0.8"},
+    {"CubicHermiteJoint", "q: [" AWAY "] duration: 0.8", "q: [" HOME "] duration: 0.8"},
+    {"CubicHermitePose", AWAY_POSE " duration: 0.8", HOME_POSE " duration: 0.8"},
+    {"SineJoint", "q: [" AWAY "] duration: 0.8", "q: [" HOME "] duration: 0.8"},
+    {"SinePose", AWAY_POSE " duration: 0.8", HOME_POSE " duration: 0.8"},
+    {"StayJoint", "duration: 0.8", "duration: 0.8"},
+    {"StayPose", "duration: 0.8", "duration: 0.8"},
+    {"JointVelocity", "dq: [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1] duration: 0.8",
+     "dq: [-0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1] duration: 0.8"},
+    {"CartesianVelocity", "O_dP_EE: [0.05, 0.05, 0.05, 0.1, 0, 0] duration: 0.8",
+     "O_dP_EE: [-0.05, -0.05, -0.05, -0.1, 0, 0] duration: 0.8"},
+    {"TimeOptimalJoint", "q: [" AWAY "] speed: 0.2", "q: [" HOME "] speed: 0.2"},
+    {"TimeOptimalPose", AWAY_POSE " speed: 0.1", HOME_POSE " speed: 0.1"},
+    {"JointDmp", SPRING "weights: [0.1, 0, 0.1, 0, 0.1, 0, 0.1, 0, 0.1, 0, 0.1, 0, 0.1, 0]",
+     SPRING "weights: [-0.1, 0, -0.1, 0, -0.1, 0, -0.1, 0, -0.1, 0, -0.1, 0, -0.1, 0]"},
+    {"PoseDmp", SPRING "weights: [0.05, 0, 0.05, 0, 0.05, 0] position_only: true",
+     SPRING "weights: [-0.05, 0, -0.05, 0, -0.05, 0] position_only: true"},
+    {"GoalPoseDmp", SPRING "weights: [0.02, 0, 0.02, 0, 0.02, 0] position_only: true",
+     SPRING "weights: [-0.02, 0, -0.02, 0, -0.02, 0] position_only: true"},
+    {"QuaternionPoseDmp", QUATERNION_SPRING "position_weights: [0.05, 0, 0.05, 0, 0.05, 0]",
+     QUATERNION_SPRING "position_weights: [-0.05, 0, -0.05, 0, -0.05, 0]"},
+    {"Impulse", "force: [0, 0, 0.02] duration: 0.8", "force: [0, 0, -0.02] duration: 0.8"},
+    {"LinearForcePosition", AWAY_POSE " force: [0, 0, 1] duration: 0.8", HOME_POSE " duration: 0.8"},
+    {"JointWaypoints", "q: [" AWAY ", " HOME "] speed: 0.2", "q: [" AWAY ", " HOME "] speed: 0.2"},
+    {"PoseWaypoints", "position: [0.387, 0.08, 0.437, 0.307, 0, 0.487] quaternion: [0, 1, 0, 0, 0, 1, 0, 0] speed: 0.1",
+     "position: [0.387, 0.08, 0.437, 0.307, 0, 0.487] quaternion: [0, 1, 0, 0, 0, 1, 0, 0] speed: 0.1"},
+    {"JointSamples", "q: [" HOME ", " HOME "]", "q: [" HOME ", " HOME "]"},
+    {"PoseSamples", "position: [0.307, 0, 0.487, 0.307, 0, 0.487] quaternion: [0, 1, 0, 0, 0, 1, 0, 0]",
+     "position: [0.307, 0, 0.487, 0.307, 0, 0.487] quaternion: [0, 1, 0, 0, 0, 1, 0, 0]"},
+    {"StreamJoint", "topic: 'nobody'", "topic: 'nobody'"},
+    {"StreamPose", "topic: 'nobody'", "topic: 'nobody'"},
+    {"StreamForcePosition", "topic: 'nobody'", "topic: 'nobody'"},
+    {"StreamJointVelocity", "topic: 'nobody'", "topic: 'nobody'"},
+    {"StreamCartesianVelocity", "topic: 'nobody'", "topic: 'nobody'"},
+};
+
+// At least a line for each kind of controller.
+constexpr Example kControllers[] = {
+    {"JointImpedance", "", ""},
+    {"CartesianImpedance", "", ""},
+    {"CartesianImpedance", "frame: END_EFFECTOR", "frame: END_EFFECTOR"},
+    {"JointImpedance", "damping_ratio: 1 inertia_scale: 0.8 integral_rate: 1", "damping_ratio: 1"},
+    {"Lqr", "", ""},
+    {"Admittance", "", ""},
+    {"ForcePosition", "", ""},
+    {"ForcePosition", "use_cartesian_gains: false", "use_cartesian_gains: false"},
+    {"HybridForcePosition", "", ""},
+    {"ForceAxisImpedance", "axis: [0, 0, 1]", "axis: [0, 0, 1]"},
+    {"PassThrough", "", ""},
+    {"PassThroughJointTorque", "", ""},
+    {"FreeDrive", "damping: [5, 5, 5, 5, 1, 1, 1]", "damping: [5, 5, 5, 5, 1, 1, 1]"},
+    {"InternalImpedance", "K_theta: [2000, 2000, 2000, 2000, 2000, 2000, 2000]",
+     "K_theta: [2000, 2000, 2000, 2000, 2000, 2000, 2000]"},
+    {"InternalImpedance", "K_x: [2000, 2000, 2000, 200, 200, 200]", "K_x: [2000, 2000, 2000, 200, 200, 200]"},
+};
+
+// Throws when a kind that the server knows has no line.
+template <std::size_t N>
+void require_each(const std::vector<std::string>& kinds, const Example (&examples)[N]) {
+  for (const std::string& kind : kinds) {
+    if (std::none_of(std::begin(examples), std::end(examples), [&](const Example& each) { return kind == each.kind; })) {
+      throw std::runtime_error(kind + " has no example in bench/loop_compute.cpp: add a line");
+    }
+  }
+}
+
+google::protobuf::Any message_of(const Example& example, int turn) {
+  const auto* type = google::protobuf::DescriptorPool::generated_pool()->FindMessageTypeByName(
+      std::string("frankapy.proto.") + example.kind);
+  if (type == nullptr) throw std::runtime_error(std::string(example.kind) + " is no kind");
+  std::unique_ptr<google::protobuf::Message> message(
+      google::protobuf::MessageFactory::generated_factory()->GetPrototype(type)->New());
+  const char* text = turn % 2 == 1 ? example.there : example.back;
+  if (!google::protobuf::TextFormat::ParseFromString(text, message.get())) {
+    throw std::runtime_error(std::string(example.kind) + ": not its fields: " + text);
+  }
+  google::protobuf::Any any;
+  any.PackFrom(*message);
+  return any;
+}
+
+// One of those that may fit; there and back, by turns.
+struct Combination {
+  const Example& trajectory;
+  const Example& controller;
+  server::proto::RobotController robot_controller;
+
+  std::string name() const {
+    return std::string(trajectory.kind) + " x " + controller.kind + " " + std::string(controller.there).substr(0, 8) +
+           " x " + server::proto::RobotController_Name(robot_controller);
+  }
+  server::proto::Skill message(int turn) const {
+    server::proto::Skill skill;
+    *skill.mutable_trajectory() = message_of(trajectory, turn);
+    *skill.mutable_controller() = message_of(controller, turn);
+    skill.set_robot_controller(robot_controller);
+    return skill;
+  }
+};
+
+std::vector<Combination> combinations() {
+  (void)server::proto::MinJerkJoint::descriptor();  // so that both files are linked
+  (void)server::proto::JointImpedance::descriptor();
+  require_each(server::trajectory_kinds(), kTrajectories);
+  require_each(server::controller_kinds(), kControllers);
   std::vector<Combination> all;
-  for (const auto& [trajectory_name, trajectory] : trajectories) {
-    for (const auto& [controller_name, controller] : controllers) {
-      if (!controller()->accepts(trajectory(0)->reference_kind())) continue;
-      all.push_back({trajectory_name + " x " + controller_name, [trajectory, controller](int turn) {
-                       auto skill = std::make_unique<Skill>();
-                       skill->trajectory = trajectory(turn);
-                       skill->controller = controller();
-                       skill->mode = skill->controller->mode(skill->trajectory->reference_kind());
-                       skill->settings = skill->controller->settings();
-                       return skill;
-                     }});
+  for (const Example& trajectory : kTrajectories) {
+    for (const Example& controller : kControllers) {
+      for (int each = server::proto::RobotController_MIN; each <= server::proto::RobotController_MAX; ++each) {
+        if (!server::proto::RobotController_IsValid(each) || each == server::proto::AUTO) continue;
+        all.push_back({trajectory, controller, static_cast<server::proto::RobotController>(each)});
+      }
     }
   }
   return all;
@@ -170,16 +238,31 @@ class Running {
         driver_(simulator_.connect()),
         limits_(models::limits(models::arm("fr3"), driver_->version())),
         model_(models::urdf(models::arm("fr3"), driver_->version())),
+        builder_(std::make_unique<Model>(models::urdf(models::arm("fr3"), driver_->version())), limits_),
         loop_(*driver_, model_, limits_, Loop::Options{}, door_),
         thread_([this] {
           server::RealtimeReport report;
-          server::prepare_thread(0, report);
+          server::prepare_thread(0, {}, true, report);
           const testing_tools::AllocationCounter counter;
           loop_.run();
           allocations_ = counter.count();
         }) {}
 
   ~Running() { end(); }
+
+  void among_boxes() { door_.walls.put(boxes_about(models::arm("fr3"))); }
+
+  // Whether the server takes it. Throws where anything but the rule of what fits is in the way.
+  bool fits(const Combination& combination) {
+    try {
+      builder_.build(combination.message(1), newest(), nullptr);
+      return true;
+    } catch (const server::Refused& refused) {
+      const std::string why = refused.what();
+      if (why.find("does not fit") != std::string::npos || why.find("does not take") != std::string::npos) return false;
+      throw std::runtime_error(combination.name() + ": " + why);
+    }
+  }
 
   // Nanoseconds of at least that many cycles of the combination.
   std::vector<std::int64_t> measure(const Combination& combination, std::size_t cycles) {
@@ -190,24 +273,24 @@ class Running {
     bool ended = true;
     for (int turn = 1; samples.size() < cycles || !ended;) {
       double time = 0;
-      while (const Record* record = door_.records.front()) {
-        if (record->compute_ns > 0 && record->phase == Phase::kRunning && record->skill_id >= first) {
-          samples.push_back(record->compute_ns);
-          if (record->skill_id == current) time = record->skill_time;
+      while (records_.next(newest_)) {
+        if (newest_.compute_ns > 0 && newest_.phase == Phase::kRunning && newest_.skill_id >= first) {
+          samples.push_back(newest_.compute_ns);
+          if (newest_.skill_id == current) time = newest_.skill_time;
         }
-        door_.records.pop();
       }
       while (const SkillResult* result = door_.results.front()) {
         if (result->ending != Ending::kTerminated && result->ending != Ending::kPreempted) {
-          throw std::runtime_error(combination.name + " ended with " +
-                                   std::to_string(static_cast<int>(result->ending)));
+          throw std::runtime_error(combination.name() + " ended with " +
+                                   std::to_string(static_cast<int>(result->ending)) + ": " +
+                                   fci::names(result->errors));
         }
         ended |= result->skill_id == current;
         door_.results.pop();
       }
       destroy_retired();
       if (samples.size() < cycles && (ended || (turn % 2 == 0 && time > kPreempt))) {
-        auto skill = combination.make(turn++);
+        auto skill = builder_.build(combination.message(turn++), newest(), nullptr);
         skill->id = current = next_id_++;
         ended = false;
         door_.next.put(std::move(skill));
@@ -217,12 +300,10 @@ class Running {
     return samples;
   }
 
-  const models::Limits& limits() const { return limits_; }
-
   // Ends the loop; what its thread has taken from the heap.
   std::uint64_t finish() {
     end();
-    if (door_.records_lost > 0) throw std::runtime_error("records were lost: the figures would be incomplete");
+    if (records_.lost() > 0) throw std::runtime_error("records were lost: the figures would be incomplete");
     return allocations_;
   }
 
@@ -232,6 +313,10 @@ class Running {
     door_.quit = true;
     thread_.join();
     destroy_retired();
+  }
+  const Record& newest() {
+    while (!records_.next(newest_) && newest_.cycles == 0) std::this_thread::sleep_for(1ms);
+    return newest_;
   }
   void destroy_retired() {
     while (Skill* const* skill = door_.retired.front()) {
@@ -244,7 +329,10 @@ class Running {
   std::unique_ptr<robot::FciDriver> driver_;
   const models::Limits& limits_;
   Model model_;
+  server::SkillBuilder builder_;
+  Record newest_;
   Door door_;
+  bridge::RingReader<Record> records_{door_.records};
   Loop loop_;
   std::uint64_t next_id_ = 1;
   std::uint64_t allocations_ = 0;
@@ -257,46 +345,55 @@ double percentile(std::vector<std::int64_t>& ns, double share) {
   return 1e-3 * static_cast<double>(*at);
 }
 
-Eigen::Isometry3d home_pose() {
-  Model model(models::urdf(models::arm("fr3"), 10));
-  Eigen::Isometry3d F_T_EE(Eigen::AngleAxisd(models::hand::kYaw, Vector3::UnitZ()));
-  F_T_EE.translation().z() = models::hand::kTcp;
-  model.set_tool(0, Vector3::Zero(), Eigen::Matrix3d::Zero(), F_T_EE);
-  return model.O_T_EE(Vector7::Map(models::kHome.data()));
-}
-
 }  // namespace
 
 int main() try {
   double p50 = 0, p99 = 0;
   std::uint64_t allocations = 0;
-  std::size_t slowest = 0;
-  std::vector<Combination> all;
+  const std::vector<Combination> all = combinations();
+  const Combination* slowest = &all[0];
+  std::size_t fitting = 0;
   {
     Running running(true);
-    all = combinations(running.limits(), home_pose());
-    for (std::size_t i = 0; i < all.size(); ++i) {
+    for (const Combination& each : all) {
+      if (!running.fits(each)) continue;
+      ++fitting;
       running.measure(all[0], 1);  // from the same posture
-      auto ns = running.measure(all[i], kCycles);
+      auto ns = running.measure(each, kCycles);
       const double half = percentile(ns, 0.5), most = percentile(ns, 0.99);
-      std::fprintf(stderr, "%-46s p50 %6.2f us  p99 %6.2f us  of %zu cycles\n", all[i].name.c_str(), half, most,
+      std::fprintf(stderr, "%-80s p50 %6.2f us  p99 %6.2f us  of %zu cycles\n", each.name().c_str(), half, most,
                    ns.size());
-      if (half > p50) slowest = i;
+      if (half > p50) slowest = &each;
       p50 = std::max(p50, half);
       p99 = std::max(p99, most);
     }
     allocations += running.finish();
   }
+  std::fprintf(stderr, "%zu combinations fit\n", fitting);
   Running paced(false);
-  auto ns = paced.measure(all[slowest], kCycles);
+  auto ns = paced.measure(*slowest, kCycles);
   const double paced_p50 = percentile(ns, 0.5);
-  std::fprintf(stderr, "%-46s p50 %6.2f us  p99 %6.2f us  at 1 kHz\n", all[slowest].name.c_str(), paced_p50,
+  std::fprintf(stderr, "%-46s p50 %6.2f us  p99 %6.2f us  at 1 kHz\n", slowest->name().c_str(), paced_p50,
                percentile(ns, 0.99));
   allocations += paced.finish();
+  double safe_p99 = 0;
+  {
+    Running among(true);
+    among.among_boxes();
+    for (std::size_t k = 0; k < all.size(); k += kSafeStep) {
+      if (!among.fits(all[k])) continue;
+      among.measure(all[0], 1);
+      auto samples = among.measure(all[k], kCycles);
+      const double most = percentile(samples, 0.99);
+      std::fprintf(stderr, "%-80s p50 %6.2f us  p99 %6.2f us  among boxes\n", all[k].name().c_str(), percentile(samples, 0.5), most);
+      safe_p99 = std::max(safe_p99, most);
+    }
+    allocations += among.finish();
+  }
   std::printf(
       "{\"loop_compute_us_p50\": %.3f, \"loop_compute_us_p99\": %.3f, \"loop_compute_paced_us_p50\": %.3f, "
-      "\"loop_allocations\": %llu}\n",
-      p50, p99, paced_p50, static_cast<unsigned long long>(allocations));
+      "\"loop_compute_safe_us_p99\": %.3f, \"loop_allocations\": %llu}\n",
+      p50, p99, paced_p50, safe_p99, static_cast<unsigned long long>(allocations));
   return 0;
 } catch (const std::exception& error) {
   std::fprintf(stderr, "loop_compute: %s\n", error.what());

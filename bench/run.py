@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 BUILD = REPOSITORY / "build"
+LONGEST = 4 * 3600  # s that a program may take: random switches and all combinations take their time
 OUTPUT = BUILD / "bench.json"
 
 
@@ -27,7 +28,7 @@ def commands() -> dict[str, list[str]]:
 
 def measure(command: list[str]) -> dict[str, float]:
     """Run one program and return its entries; raise ValueError when it fails or prints something else."""
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=REPOSITORY, check=False)
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=REPOSITORY, check=False, timeout=LONGEST)
     if done.returncode != 0:
         raise ValueError(f"ended with status {done.returncode}")
     last_line = (done.stdout.strip().splitlines() or [""])[-1]
@@ -54,7 +55,7 @@ def main() -> int:
         progress.set_description(name)
         try:
             entries = measure(programs[name])
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, subprocess.TimeoutExpired) as error:
             failures[name] = error
             continue
         results |= entries

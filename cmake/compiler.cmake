@@ -25,10 +25,16 @@ endif()
 
 add_compile_options(-Wall -Wextra -Wpedantic)
 
+# Compiles Eigen's expressions sooner, with the same layout of its objects.
+set(WITHOUT_SIMD EIGEN_DONT_VECTORIZE EIGEN_MAX_ALIGN_BYTES=16 EIGEN_MAX_STATIC_ALIGN_BYTES=16)
+
 set(SANITIZE "" CACHE STRING "Sanitizers for the whole build: empty, address,undefined or thread")
 if(SANITIZE)
-  set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O1 -g1 -DNDEBUG")  # with -O2 a file that includes Pinocchio takes three minutes
-  add_compile_options(-fsanitize=${SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+  # What takes longest to compile is left out: optimisation, SIMD, and checks that the address sanitizer makes as well.
+  set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O1 -g1 -DNDEBUG")
+  add_compile_definitions(${WITHOUT_SIMD})
+  add_compile_options(-fsanitize=${SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer
+                      -fno-sanitize=null,object-size)
   add_link_options(-fsanitize=${SANITIZE})
   # With the address sanitizer Eigen would align its memory by hand, and could not free what the wheels' Eigen took with
   # malloc, nor they ours. The sanitizer's malloc is aligned enough.

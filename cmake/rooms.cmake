@@ -1,9 +1,10 @@
-# add_room(<name> [<library>...])
+# add_room(<name> [SHARED] [<library>...])
 #
 # The library of one room: every .cpp below the current folder except main.cpp and folders with a CMakeLists.txt of
 # their own, or an interface library while there is none. It publishes the include roots (repository and src/) and the
-# libraries it is built on.
+# libraries it is built on. SHARED: programs and libraries of parts have the one copy of it in common.
 function(add_room name)
+  cmake_parse_arguments(PARSE_ARGV 1 room SHARED "" "")
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS *.cpp)
   list(FILTER sources EXCLUDE REGEX "/main\\.cpp$")
   file(GLOB separate CONFIGURE_DEPENDS */CMakeLists.txt)
@@ -12,12 +13,17 @@ function(add_room name)
     list(FILTER sources EXCLUDE REGEX "^${folder}/")
   endforeach()
   if(sources)
-    add_library(${name} STATIC ${sources})
+    if(room_SHARED)
+      add_library(${name} SHARED ${sources})
+      set_target_properties(${name} PROPERTIES OUTPUT_NAME franka-interface-${name})
+    else()
+      add_library(${name} STATIC ${sources})
+    endif()
     set(scope PUBLIC)
   else()
     add_library(${name} INTERFACE)
     set(scope INTERFACE)
   endif()
   target_include_directories(${name} ${scope} ${CMAKE_SOURCE_DIR} ${CMAKE_SOURCE_DIR}/src)
-  target_link_libraries(${name} ${scope} ${ARGN})
+  target_link_libraries(${name} ${scope} ${room_UNPARSED_ARGUMENTS})
 endfunction()

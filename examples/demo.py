@@ -32,7 +32,7 @@ class Recorder:
 
     def __init__(self, fa: FrankaArm) -> None:
         self.states: list[proto.ArmState] = []
-        self._stream = fa.stream_states()
+        self._stream = fa.states()
         self._quit = False
         self._thread = threading.Thread(target=self._record, daemon=True)
         self._thread.start()
@@ -129,7 +129,7 @@ def draw(begins: list[tuple[str, float]], states: list[proto.ArmState], truth: n
 
     start = begins[0][1]
     truth = truth[::4]
-    t_truth = truth["message_id"] / 1000 - start
+    t_truth = truth["cycle"] / 1000 - start
     t = np.array([s.robot.message_id for s in states]) / 1000 - start
 
     def column(get: Callable[[proto.ArmState], object], size: int) -> np.ndarray:

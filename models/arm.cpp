@@ -146,14 +146,19 @@ constexpr Limits kFer = {
     .dtau_max = kDtauMax,
     .envelope_deceleration = {},
     .envelope_offset = {},
+    .envelope_min = {},
+    .envelope_max = {},
     .translation = {1.7, 13, 6500},
     .rotation = {2.5, 25, 12500},
     .elbow = {2.175, 10, 5000},
 };
 
+constexpr Vector7 kFr3Min = {-2.9007, -1.8361, -2.9007, -3.0770, -2.8763, 0.4398, -3.0508};
+constexpr Vector7 kFr3Max = {2.9007, 1.8361, 2.9007, -0.1169, 2.8763, 4.6216, 3.0508};
+
 constexpr Limits kFr3 = {
-    .q_min = {-2.9007, -1.8361, -2.9007, -3.0770, -2.8763, 0.4398, -3.0508},
-    .q_max = {2.9007, 1.8361, 2.9007, -0.1169, 2.8763, 4.6216, 3.0508},
+    .q_min = kFr3Min,
+    .q_max = kFr3Max,
     .dq_max = {2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26},
     .ddq_max = {10, 10, 10, 10, 10, 10, 10},
     .dddq_max = {5000, 5000, 5000, 5000, 5000, 5000, 5000},
@@ -161,6 +166,8 @@ constexpr Limits kFr3 = {
     .dtau_max = kDtauMax,
     .envelope_deceleration = {6, 2.585, 3.5, 4, 17, 5.5, 17},
     .envelope_offset = {0.6599, 0.2517, 0.2, 0.3533, 0.5757, 0.4878, 0.4628},
+    .envelope_min = kFr3Min,
+    .envelope_max = kFr3Max,
     .translation = {3, 9, 4500},
     .rotation = {2.5, 17, 8500},
     // The documentation says 2.62 rad/s, libfranka's limiter 1.5: the smaller is safe under both.
@@ -170,6 +177,10 @@ constexpr Limits kFr3 = {
 constexpr Limits before_5_9(Limits limits) {
   limits.q_min = {-2.7437, -1.7837, -2.9007, -3.0421, -2.8065, 0.5445, -3.0159};
   limits.q_max = {2.7437, 1.7837, 2.9007, -0.1518, 2.8065, 4.5169, 3.0159};
+  // As libfranka 0.10 to 0.13 has it; the ends are a little wider than the ranges.
+  limits.envelope_offset = {0.3, 0.2, 0.2, 0.3, 0.35, 0.35, 0.35};
+  limits.envelope_min = {-2.7501, -1.7918, -2.9065, -3.0481, -2.8101, 0.54092, -3.0196};
+  limits.envelope_max = {2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196};
   return limits;
 }
 constexpr Limits kFr3Before59 = before_5_9(kFr3);
@@ -184,8 +195,8 @@ double envelope(const Limits& limits, int i, double distance) {
 
 }  // namespace
 
-double Limits::dq_lower(int i, double q) const { return -envelope(*this, i, q - q_min[i]); }
-double Limits::dq_upper(int i, double q) const { return envelope(*this, i, q_max[i] - q); }
+double Limits::dq_lower(int i, double q) const { return -envelope(*this, i, q - envelope_min[i]); }
+double Limits::dq_upper(int i, double q) const { return envelope(*this, i, envelope_max[i] - q); }
 
 std::span<const Arm> arms() { return kArms; }
 

@@ -48,10 +48,11 @@ struct Limits {
   Vector7 tau_max;       // N m
   Vector7 dtau_max;      // N m/s
 
-  // FR3: |dq| towards a joint limit is also at most max(0, sqrt(2 * deceleration * distance) - offset).
-  // All zero where the arm has no such envelope.
-  Vector7 envelope_deceleration;  // rad/s²
-  Vector7 envelope_offset;        // rad/s
+  // FR3: |dq| towards the end of a joint's range is also at most max(0, sqrt(2 * deceleration * distance) - offset);
+  // the distance is to the ends given here. All zero where the arm has no such envelope.
+  Vector7 envelope_deceleration;       // rad/s²
+  Vector7 envelope_offset;             // rad/s
+  Vector7 envelope_min, envelope_max;  // rad
 
   struct Rates {
     double velocity, acceleration, jerk;  // m/s or rad/s, and its derivatives
@@ -80,8 +81,8 @@ std::span<const Arm> arms();
 // The arm of that name; throws std::invalid_argument which lists the names there are.
 const Arm& arm(std::string_view name);
 
-// Limits of an arm whose server speaks protocol `version`: version 10 is system 5.9, which widened
-// FR3's joint ranges.
+// Limits of an arm whose server speaks protocol `version`: version 10 is system 5.9, which widened FR3's joint ranges
+// and changed its velocity envelope.
 const Limits& limits(const Arm& arm, std::uint16_t version);
 
 std::span<const Capsule> capsules();

@@ -30,6 +30,8 @@ class ArmModel {
   void update_kinematics(const Vector7& q);
 
   const Eigen::Matrix4d& O_T_F() const { return O_T_F_; }  // flange
+  const Eigen::Matrix3d& O_R(int link) const { return R_[link - 1]; }  // axes of link 1 to 7
+  const Eigen::Vector3d& O_p(int link) const { return p_[link - 1]; }  // its origin, m
   Matrix67 jacobian(const Eigen::Vector3d& F_p) const;     // of the point F_p (m) in the flange frame
   const Matrix77& mass() const { return mass_; }           // kg m², without the motors' inertia
   const Vector7& coriolis() const { return coriolis_; }    // C(q, dq) dq, N m

@@ -22,11 +22,14 @@ constexpr double kHomingForce = 20;       // N
 constexpr double kStillVelocity = 0.001;  // m/s of each finger
 constexpr int kStill = 60;                // cycles after which fingers that do not move have arrived
 constexpr double kArrived = 0.001;        // m of width
-constexpr std::uint16_t kTemperature = 30;  // °C
+// The drive warms up with the square of its force.
+constexpr double kTemperature = 30;   // °C, at rest
+constexpr double kWarming = 25;       // K, at the greatest force for ever
+constexpr double kWarmingTime = 900;  // s
 
 }  // namespace
 
-Gripper::Gripper() : force_(kMaxForce) { state_.temperature = kTemperature; }
+Gripper::Gripper() : force_(kMaxForce), temperature_(kTemperature) {}
 
 void Gripper::home() { begin(Task::kHome, kMaxWidth + 2 * kHomingForce / kStiffness, kHomingSpeed, kHomingForce); }
 
@@ -86,6 +89,10 @@ std::array<double, 2> Gripper::control(const std::array<double, 2>& finger) {
   reference_ = std::clamp(reference_, x - reach, x + reach);
   const double force = std::clamp(
       kStiffness * (reference_ - x) + kDamping * ((reference_ - from) / kDt - v), -force_, force_);
+
+  const double load = force / kMaxForce;
+  temperature_ += kDt / kWarmingTime * (kTemperature + kWarming * load * load - temperature_);
+  state_.temperature = static_cast<std::uint16_t>(std::lround(temperature_));
 
   follow_up(x, v);
   state_.width = std::max(0.0, 2 * x);

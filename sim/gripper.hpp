@@ -26,6 +26,7 @@ class Gripper {
   // One cycle: force of each finger (N, > 0 opens) from its opening (m).
   std::array<double, 2> control(const std::array<double, 2>& finger);
 
+  bool under_way() const { return task_ != Task::kHold; }
   // How the last command ended; empty while it is under way.
   std::optional<Status> outcome() const { return outcome_; }
   const fci::gripper::State& state() const { return state_; }
@@ -44,6 +45,7 @@ class Gripper {
   double reference_ = 0;     // m for each finger
   double speed_ = 0;         // of the reference, m/s
   double force_;             // bound, N
+  double temperature_;       // °C
   int still_ = 0;            // cycles in which the fingers have not moved
   std::array<double, 2> before_{};
   bool seen_ = false;

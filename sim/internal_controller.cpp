@@ -11,14 +11,15 @@ namespace {
 
 constexpr double kDampingRatio = 0.7;
 
+// Of joints and of Cartesian directions, with one solver for both, as it takes long to compile.
+using UpTo7 = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 7, 7>;
+
 // Damping for which each mode of (mass, stiffness) has kDampingRatio (double diagonalisation,
 // Albu-Schäffer et al., "Cartesian impedance control of redundant robots", 2003).
-template <int N>
-Eigen::Matrix<double, N, N> damping(const Eigen::Matrix<double, N, N>& mass,
-                                    const Eigen::Matrix<double, N, N>& stiffness) {
+UpTo7 damping(const UpTo7& mass, const UpTo7& stiffness) {
   // stiffness V = mass V diag(w²), V' mass V = 1, so D = mass V diag(2 ζ w) V' mass.
-  Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::Matrix<double, N, N>> modes(stiffness, mass);
-  const Eigen::Matrix<double, N, N> MV = mass * modes.eigenvectors();
+  const Eigen::GeneralizedSelfAdjointEigenSolver<UpTo7> modes(stiffness, mass);
+  const UpTo7 MV = mass * modes.eigenvectors();
   return MV * (2 * kDampingRatio * modes.eigenvalues().cwiseMax(0).cwiseSqrt()).asDiagonal() * MV.transpose();
 }
 
@@ -30,7 +31,7 @@ InternalController::Vector7 InternalController::joint_impedance(
   Matrix7 mass = model.mass();
   mass.diagonal() += Eigen::Map<const Vector7>(kMotorInertia.data());
   if (joint_damping_age_++ % kRefresh == 0) {
-    joint_damping_ = damping<7>(mass, K_theta.asDiagonal());
+    joint_damping_ = damping(mass, Matrix7(K_theta.asDiagonal()));
   }
   return K_theta.cwiseProduct(desired.q - q) + joint_damping_ * (desired.dq - dq) +
          mass * desired.ddq + model.coriolis();
@@ -60,8 +61,8 @@ InternalController::Vector7 InternalController::cartesian_impedance(
   mobility.diagonal().array() += 1e-6;  // bounded next to singularities
   const Matrix6 inertia = mobility.llt().solve(Matrix6::Identity());
   if (cartesian_damping_age_++ % kRefresh == 0) {
-    cartesian_damping_ = damping<6>(inertia, K);
-    nullspace_damping_ = damping<7>(mass, kNullspaceStiffness * Matrix7::Identity());
+    cartesian_damping_ = damping(inertia, K);
+    nullspace_damping_ = damping(mass, kNullspaceStiffness * Matrix7::Identity());
   }
 
   const Vector6 velocity_error = J * (desired.dq - dq);

@@ -12,17 +12,25 @@ namespace sim {
 // impedance control of flexible joint robots, Int. J. Robotics Research 26(1), 2007); here by six, which is assumed.
 inline constexpr std::array<double, 7> kMotorInertia = {0.101, 0.101, 0.077, 0.077, 0.034, 0.034, 0.034};
 
-// Friction which the arm leaves after its own compensation. Sliding, it is what Gaz, Cognetti, Oliva, Robuffo Giordano, De
-// Luca (Dynamic identification of the Franka Emika Panda robot with retrieval of feasible parameters using penalty-based
-// optimization, IEEE RA-L 4(4), 2019) found through a Panda's torque sensors, that is behind its compensation:
-// phi_1 / (1 + exp(-phi_2 dq)) - phi_1 / 2, without their small offsets. That vanishes at rest, where nobody has published
-// what is left; taken is that 15 % of phi_1 stick, some half of the 0.2 N m which franka_description has for all joints. It
-// leaves an arm of 600 N/m and 50 N m/rad 2 or 3 mm from its goal.
+// Friction which the arm leaves after its own compensation. Sliding, it is what Gaz, Cognetti, Oliva, Robuffo Giordano,
+// De Luca (Dynamic identification of the Franka Emika Panda robot with retrieval of feasible parameters using
+// penalty-based optimization, IEEE RA-L 4(4), 2019) found through a Panda's torque sensors, that is behind its
+// compensation: phi_1 / (1 + exp(-phi_2 dq)) - phi_1 / 2, without their small offsets. That vanishes at rest, where
+// nobody has published what is left; taken is that 15 % of phi_1 stick, some half of the 0.2 N m which
+// franka_description has for all joints. It leaves an arm of 600 N/m and 50 N m/rad 2 or 3 mm from its goal.
 inline constexpr std::array<double, 7> kFrictionHeight = {0.546, 0.872, 0.641, 1.279, 0.839, 0.303, 0.565};  // phi_1, N m
 inline constexpr std::array<double, 7> kFrictionRise = {5.12, 9.07, 10.14, 5.59, 8.35, 17.13, 10.34};        // phi_2, s/rad
 inline constexpr double kStickingShare = 0.15;                                                              // of phi_1
 
 // Between motor and link: theta - q = tau_J / stiffness. Harmonic drives of this size; N m/rad.
 inline constexpr double kJointStiffness = 14250;  // libfranka takes K_theta up to this
+
+// Noise of the sensors, standard deviations. Franka publishes none of the sensors' own; chosen so that at rest the
+// estimate of the external force has the noise which the arm's data sheet gives for force (0.035 N), in about equal
+// parts from torques and velocities, and so that position is a tenth of what pose repeatability (0.1 mm at 0.855 m)
+// would allow.
+inline constexpr double kPositionNoise = 1e-5;  // rad
+inline constexpr double kVelocityNoise = 1e-4;  // rad/s
+inline constexpr double kTorqueNoise = 0.03;    // N m
 
 }  // namespace sim

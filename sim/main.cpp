@@ -1,4 +1,4 @@
-// fci-sim: a simulated Franka arm which speaks the robot's own wire protocol.
+// fci-sim: simulated Franka arms which speak the robot's own wire protocol.
 
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
@@ -6,138 +6,165 @@
 #include <CLI/CLI.hpp>
 #include <csignal>
 #include <cstdio>
-#include <optional>
+#include <exception>
+#include <filesystem>
+#include <thread>
 
-#include "sim/clock.hpp"
-#include "sim/gripper_server.hpp"
-#include "sim/robot_server.hpp"
-#include "sim/truth_file.hpp"
+#include "sim/cell.hpp"
+#include "sim/control/control_server.hpp"
 
 namespace {
 
-// A client that falls silent in lockstep holds up one cycle for this long; then the cycle has lost its command. Twenty
-// of them end the motion, and a client which waits for a state for a second must not give up meanwhile.
-constexpr std::int64_t kSilence = 250'000'000;  // ns
-
-// When the simulator itself was late, clients on the same computer were held up as well: they still have this long.
-constexpr std::int64_t kGrace = 1'000'000;  // ns
+constexpr int kMaxArms = 32;
 
 volatile std::sig_atomic_t stopped = 0;
 
 struct Options {
-  std::string robot = "fr3";
+  std::vector<std::string> robots = {"fr3"};
+  int arms = 0;
   std::string listen = "127.0.0.1";
   std::string protocol = "auto";
   std::string scene;
   std::string truth;
+  std::string pause = "never";
+  double speed = 1;
+  std::uint64_t seed = 1;
   bool lockstep = false;
   bool ideal = false;
+  bool control = false;
 };
 
-class Simulation {
- public:
-  explicit Simulation(const Options& options)
-      : lockstep_(options.lockstep),
-        world_({.arm = &models::arm(options.robot), .scene = options.scene, .ideal = options.ideal}),
-        robot_(models::arm(options.robot)),
-        robot_server_(models::arm(options.robot), sim::parse_address(options.listen), version(options.protocol),
-                      robot_, poller_),
-        gripper_server_(sim::parse_address(options.listen), gripper_, poller_) {
-    if (!options.truth.empty()) truth_.emplace(options.truth, world_);
-    robot_.sense(world_.truth());
-  }
+// The address of the n-th arm.
+in_addr address_of(in_addr first, std::size_t n) {
+  return {htonl(ntohl(first.s_addr) + static_cast<std::uint32_t>(n))};
+}
 
-  void run() {
-    while (!stopped) cycle();
-    if (clock_.late() > 0) {
-      spdlog::info("{} cycles of {} were late by this computer's fault, the worst by {:.1f} ms", clock_.late(),
-                   robot_.state().message_id, 1e3 * clock_.worst_delay());
+// truth.npy, truth.2.npy, truth.3.npy
+std::string truth_of(const std::string& first, std::size_t n) {
+  if (first.empty() || n == 0) return first;
+  const std::filesystem::path path(first);
+  std::filesystem::path name = path.stem();
+  name += "." + std::to_string(n + 1);
+  name += path.extension();
+  return path.parent_path() / name;
+}
+
+// Arms that share a scene are one cell; otherwise each has a copy of the scene, and a cell of its own.
+std::vector<sim::Cell::Options> cells(const Options& options) {
+  const std::size_t places = sim::arms_in_scene(options.scene);
+  std::size_t count = std::max<std::size_t>(options.arms, options.robots.size());
+  if (places > 1) {
+    if (options.arms == 0) count = std::max(count, places);
+    if (count != places) {
+      throw std::runtime_error("scene " + options.scene + " has places for " + std::to_string(places) + " arms, and " +
+                               std::to_string(count) + " are asked for");
     }
   }
-
- private:
-  static std::optional<fci::Version> version(const std::string& protocol) {
-    if (protocol == "auto") return std::nullopt;
-    return static_cast<fci::Version>(std::stoi(protocol));
-  }
-
-  void cycle() {
-    const fci::RobotCommand* command = next_command();
-    const sim::Vector7 tau = robot_.control(command);
-    world_.step(tau, gripper_.control(world_.truth().finger));
-    robot_.sense(world_.truth());
-    robot_server_.publish();
-    gripper_server_.publish();
-    if (truth_) truth_->append(world_, robot_.state().message_id, robot_.moving());
-    clock_.done();
-  }
-
-  const fci::RobotCommand* next_command() {
-    if (lockstep_ && robot_.awaits_command()) {
-      serve();
-      const auto* command = wait_for_command(kSilence);
-      if (robot_.awaits_command()) {
-        clock_.restart();
-        return command;
-      }
-      // The motion was stopped, or its client has gone: from here on time is the wall's again.
+  sim::Cell::Options common;
+  common.scene = options.scene;
+  if (options.protocol != "auto") common.version = static_cast<fci::Version>(std::stoi(options.protocol));
+  common.lockstep = options.lockstep;
+  common.ideal = options.ideal;
+  common.speed = options.speed;
+  common.time = options.pause == "never" ? sim::Cell::Time::kRuns : sim::Cell::Time::kBetweenMotionsPaused;
+  const in_addr first = sim::parse_address(options.listen);
+  std::vector<sim::Cell::Options> cells;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (i % places == 0) {
+      cells.push_back(common);
+      cells.back().seed = options.seed + i;
     }
-    const bool late = clock_.wait();
-    serve();
-    const auto* command = robot_server_.receive();
-    if (command == nullptr && late && robot_.awaits_command()) command = wait_for_command(kGrace);
-    return command;
+    cells.back().arms.push_back({.model = &models::arm(options.robots[i % options.robots.size()]),
+                                 .address = address_of(first, i),
+                                 .truth = truth_of(options.truth, i)});
   }
+  return cells;
+}
 
-  // Waits as long as the motion goes on.
-  const fci::RobotCommand* wait_for_command(std::int64_t patience) {
-    const std::int64_t until = sim::Clock::now() + patience;
-    while (robot_.awaits_command() && !stopped) {
-      if (const auto* command = robot_server_.wait()) return command;
-      if (sim::Clock::now() > until) break;
-      serve();
+int run(const Options& options) {
+  std::vector<std::unique_ptr<sim::Cell>> running;
+  std::vector<std::unique_ptr<sim::ControlServer>> channels;
+  std::vector<sim::Cell::Options> all = cells(options);
+  for (const auto& cell : all) running.push_back(std::make_unique<sim::Cell>(cell));
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    for (std::size_t arm = 0; arm < all[i].arms.size(); ++arm) {
+      const in_addr address = all[i].arms[arm].address;
+      const bool loopback = ntohl(address.s_addr) >> 24 == 127;
+      if (!loopback && !options.control) continue;
+      channels.push_back(std::make_unique<sim::ControlServer>(*running[i], arm, sim::text(address)));
     }
-    return nullptr;
   }
-
-  void serve() {
-    const bool ready = poller_.ready();
-    if (ready || robot_server_.due()) robot_server_.serve();
-    if (ready || gripper_server_.due()) gripper_server_.serve();
+  for (const auto& cell : all) {
+    for (const auto& arm : cell.arms) {
+      std::printf("fci-sim: %s on %s:%d, gripper on port %d, protocol %s, %s\n", std::string(arm.model->title).c_str(),
+                  sim::text(arm.address).c_str(), fci::kRobotPort, fci::gripper::kPort, options.protocol.c_str(),
+                  options.lockstep ? "lockstep" : "real time");
+    }
   }
+  std::puts("fci-sim: ready");
+  std::fflush(stdout);
 
-  bool lockstep_;
-  sim::Poller poller_;
-  sim::World world_;
-  sim::Robot robot_;
-  sim::Gripper gripper_;
-  sim::RobotServer robot_server_;
-  sim::GripperServer gripper_server_;
-  std::optional<sim::TruthFile> truth_;
-  sim::Clock clock_;
-};
+  std::vector<std::exception_ptr> failures(running.size());
+  std::vector<std::thread> threads;
+  const auto run_cell = [&](std::size_t i) {
+    try {
+      running[i]->run(stopped);
+    } catch (...) {
+      failures[i] = std::current_exception();
+      stopped = 1;
+    }
+    running[i]->close();
+  };
+  for (std::size_t i = 1; i < running.size(); ++i) threads.emplace_back(run_cell, i);
+  run_cell(0);
+  for (auto& thread : threads) thread.join();
+  channels.clear();
+  for (const auto& failure : failures) {
+    if (failure) std::rethrow_exception(failure);
+  }
+  return 0;
+}
 
 }  // namespace
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("A simulated Franka arm which speaks the robot's own wire protocol.", "fci-sim");
+  CLI::App app("Simulated Franka arms which speak the robot's own wire protocol.", "fci-sim");
   std::vector<std::string> arms, protocols = {"auto"};
   for (const auto& arm : models::arms()) arms.emplace_back(arm.name);
   for (fci::Version v = fci::kOldestVersion; v <= fci::kNewestVersion; ++v) protocols.push_back(std::to_string(v));
-  app.add_option("--robot", options.robot, "model of the arm")->check(CLI::IsMember(arms))->capture_default_str();
-  app.add_option("--listen", options.listen, "IPv4 address; the ports are the robot's: 1337, and 1338 for the hand")
+  app.add_option("--robot", options.robots, "model of the arm; of several arms: of each, by turns")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check(CLI::IsMember(arms))
+      ->capture_default_str();
+  app.add_option("--arms", options.arms, "number of arms; as many as robots or places of the scene otherwise")
+      ->check(CLI::Range(1, kMaxArms));
+  app.add_option("--listen", options.listen,
+                 "IPv4 address of the first arm, the next have those that follow; the ports are the robot's: 1337, and "
+                 "1338 for the hand")
       ->capture_default_str();
   app.add_option("--protocol", options.protocol, "version to speak; auto: each client's own")
       ->check(CLI::IsMember(protocols))
       ->capture_default_str();
   app.add_flag("--lockstep", options.lockstep, "wait for each command of a motion instead of keeping real time");
-  app.add_option("--scene", options.scene, "MJCF file of what stands around the arm");
-  app.add_option("--truth", options.truth, "NumPy file to write what really happened to, every cycle");
+  app.add_option("--speed", options.speed, "of the robot's time over the wall's; lockstep takes no notice")
+      ->check(CLI::Range(0.01, 20.0))
+      ->capture_default_str();
+  app.add_option("--scene", options.scene, "what stands around the arm: a name of sim/scenes, or an MJCF file");
+  app.add_option("--truth", options.truth,
+                 "NumPy file to write what really happened to, every cycle; FILE.npy, FILE.2.npy ... of several arms");
+  app.add_option("--pause", options.pause, "let the world stand still from the start, except while an arm does something")
+      ->check(CLI::IsMember({"never", "between-motions"}))
+      ->capture_default_str();
+  app.add_option("--seed", options.seed, "of the sensors' noise")->capture_default_str();
   app.add_flag("--ideal", options.ideal, "joints without friction, sensors without noise");
+  app.add_flag("--control", options.control,
+               "control channel (port " + std::to_string(sim::ControlServer::kPort) +
+                   ") also where other computers reach it; on 127.0.0.0/8 it is always there");
   CLI11_PARSE(app, argc, argv);
 
-  spdlog::set_default_logger(std::make_shared<spdlog::logger>("", std::make_shared<spdlog::sinks::stderr_sink_st>()));
+  spdlog::set_default_logger(std::make_shared<spdlog::logger>("", std::make_shared<spdlog::sinks::stderr_sink_mt>()));
   spdlog::set_pattern("fci-sim: %v");
   struct sigaction action {};
   action.sa_handler = [](int) { stopped = 1; };
@@ -146,13 +173,7 @@ int main(int argc, char** argv) {
   ::signal(SIGPIPE, SIG_IGN);
 
   try {
-    Simulation simulation(options);
-    const std::string& title = std::string(models::arm(options.robot).title);
-    std::printf("fci-sim: %s on %s:%d, gripper on port %d, protocol %s, %s\n", title.c_str(), options.listen.c_str(),
-                fci::kRobotPort, fci::gripper::kPort, options.protocol.c_str(),
-                options.lockstep ? "lockstep" : "real time");
-    std::fflush(stdout);
-    simulation.run();
+    return run(options);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "fci-sim: %s\n", error.what());
     return 1;

@@ -140,7 +140,8 @@ Vector7 MotionGenerator::inverse(const Eigen::Matrix4d& pose) {
     Eigen::Matrix<double, 7, 7> A;
     A.topRows<6>() = model_.jacobian(F_p);
     A.row(6) = Vector7::Unit(2).transpose();
-    const Eigen::PartialPivLU<Eigen::Matrix<double, 7, 7>> lu(A);
+    using Lu = Eigen::PartialPivLU<Eigen::Matrix<double, 7, 7>>;
+    const Lu lu(A);
     const double determinant = std::abs(lu.determinant());
     if (determinant >= kSingular) {
       q += lu.solve(error);
@@ -148,7 +149,7 @@ Vector7 MotionGenerator::inverse(const Eigen::Matrix4d& pose) {
       const double damping = kDamping * (1 - determinant / kSingular);
       Eigen::Matrix<double, 7, 7> normal = A.transpose() * A;
       normal.diagonal().array() += damping * damping;
-      q += normal.ldlt().solve(A.transpose() * error);
+      q += Lu(normal).solve(Vector7(A.transpose() * error));
     }
   }
   const Vector7 way = q - desired_.q;

@@ -32,6 +32,8 @@ class MotionGenerator {
   // One cycle whose command was lost: constant acceleration.
   void extrapolate();
   const Desired& desired() const { return desired_; }
+  // Kinematics of desired().q.
+  const ArmModel& model() const { return model_; }
 
  private:
   using Vector7 = Eigen::Matrix<double, 7, 1>;

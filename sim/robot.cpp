@@ -1,14 +1,11 @@
 #include "sim/robot.hpp"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
-#include <cmath>
 
-#include "sim/franka_hand.hpp"
-#include "sim/joint_figures.hpp"
+#include "sim/low_pass.hpp"
 #include "sim/rotation.hpp"
 #include "sim/transform.hpp"
+#include "sim/vectors.hpp"
 
 namespace sim {
 namespace {
@@ -23,96 +20,53 @@ using Wrench = Eigen::Matrix<double, 6, 1>;
 
 constexpr double kDt = 0.001;  // s
 
+// Version from which on there are statuses for safety functions.
+constexpr fci::Version kSafetyStatuses = 6;
+
 // What Franka does not publish.
 constexpr int kRecoveryCycles = 50;
-constexpr double kExternalForceFilter = 15;    // Hz, of tau_ext_hat_filtered
-constexpr double kTorqueRateFilter = 100;      // Hz, of dtau_J
-constexpr double kNoFilter = 1000;             // Hz: a command filter at this frequency is off
-
-// What its own examples set (setDefaultBehavior); the thresholds after power-on are not published.
-constexpr fci::SetCollisionBehavior kCollisionBehavior = {
-    .lower_torque_thresholds_acceleration = {20, 20, 20, 20, 20, 20, 20},
-    .upper_torque_thresholds_acceleration = {20, 20, 20, 20, 20, 20, 20},
-    .lower_torque_thresholds_nominal = {10, 10, 10, 10, 10, 10, 10},
-    .upper_torque_thresholds_nominal = {10, 10, 10, 10, 10, 10, 10},
-    .lower_force_thresholds_acceleration = {20, 20, 20, 20, 20, 20},
-    .upper_force_thresholds_acceleration = {20, 20, 20, 20, 20, 20},
-    .lower_force_thresholds_nominal = {10, 10, 10, 10, 10, 10},
-    .upper_force_thresholds_nominal = {10, 10, 10, 10, 10, 10},
-};
-
-template <std::size_t N>
-Eigen::Map<const Eigen::Matrix<double, static_cast<int>(N), 1>> vector(const std::array<double, N>& values) {
-  return Eigen::Map<const Eigen::Matrix<double, static_cast<int>(N), 1>>(values.data());
-}
-
-template <std::size_t N, class Matrix>
-void put(const Matrix& from, std::array<double, N>& to) {
-  Eigen::Map<Eigen::Matrix<double, Matrix::RowsAtCompileTime, Matrix::ColsAtCompileTime>>(to.data()) = from;
-}
-
-template <class Values>
-bool within(const Values& values, double low, double high) {
-  return std::all_of(values.begin(), values.end(), [&](double x) { return x >= low && x <= high; });
-}
-
-double low_pass_gain(double frequency) {
-  return frequency >= kNoFilter ? 1 : 1 / (1 + 1 / (2 * M_PI * frequency * kDt));
-}
+constexpr double kAccelerating = 0.01;  // rad/s², of any joint's reference: the "acceleration" thresholds apply
+constexpr double kPeakTorque = 1.5;     // of tau_max: what the motors have in reserve
 
 std::array<double, 2> elbow(const Vector& q) { return {q[2], q[3] > models::kElbowFlip ? 1. : -1.}; }
 
-// At rest, in the axes of each link's two sensors: those of the link. What they feel of the motion is left out.
-std::array<double, 18> accelerometers(const models::Arm& arm, const Vector& q) {
-  std::array<double, 18> felt;
-  Eigen::Vector3d up(0, 0, 9.81);
-  for (int i = 0; i < 6; ++i) {
-    const auto& rpy = arm.joints[i].rpy;
-    const Eigen::Quaterniond turn = Eigen::AngleAxisd(rpy[2], Eigen::Vector3d::UnitZ()) *
-                                    Eigen::AngleAxisd(rpy[1], Eigen::Vector3d::UnitY()) *
-                                    Eigen::AngleAxisd(rpy[0], Eigen::Vector3d::UnitX()) *
-                                    Eigen::AngleAxisd(q[i], Eigen::Vector3d::UnitZ());
-    up = turn.conjugate() * up;
-    Eigen::Map<Eigen::Vector3d>(felt.data() + 3 * i) = up;
-  }
-  return felt;
-}
-
 }  // namespace
 
-Robot::Robot(const models::Arm& arm)
+Robot::Robot(const models::Arm& arm, bool ideal, std::uint64_t seed)
     : arm_(arm),
-      limits_(&models::limits(arm, fci::kNewestVersion)),
+      checks_(arm),
       model_(arm),
       desired_model_(arm),
       generator_(arm),
-      collision_(kCollisionBehavior),
-      end_effector_(franka_hand()),
-      F_T_NE_(F_T_hand_TCP()),
-      desired_(generator_.desired()) {
+      desired_(generator_.desired()),
+      sensors_(arm, ideal, seed) {
   configure();
 }
 
 void Robot::set_version(fci::Version version) {
   version_ = version;
-  limits_ = &models::limits(arm_, version);
+  checks_.set_version(version);
 }
 
-// End effector and load as they are configured, in the models and in the state.
+// Puts the settings into models, controllers and state.
 void Robot::configure() {
-  F_T_EE_ = F_T_NE_ * NE_T_EE_;
-  const RigidBody tool = joined(end_effector_, load_);
+  F_T_EE_ = settings_.F_T_EE();
+  const RigidBody tool = joined(settings_.end_effector, settings_.load);
   model_.set_tool(tool.mass, tool.com, tool.inertia);
-  state_.F_T_NE = pose(F_T_NE_);
-  state_.NE_T_EE = pose(NE_T_EE_);
+  internal_.K_theta = vector(settings_.joint_impedance.K_theta);
+  internal_.K_x = vector(settings_.cartesian_impedance.K_x);
+  internal_.EE_T_K = matrix(settings_.EE_T_K);
+  rest_at(desired_.q);  // with the new end effector
+  state_.F_T_NE = pose(settings_.F_T_NE);
+  state_.NE_T_EE = settings_.NE_T_EE;
   state_.F_T_EE = pose(F_T_EE_);
-  state_.EE_T_K = pose(internal_.EE_T_K);
-  state_.m_ee = end_effector_.mass;
-  put(end_effector_.com, state_.F_x_Cee);
-  put(end_effector_.inertia, state_.I_ee);
-  state_.m_load = load_.mass;
-  put(load_.com, state_.F_x_Cload);
-  put(load_.inertia, state_.I_load);
+  state_.EE_T_K = settings_.EE_T_K;
+  state_.m_ee = settings_.end_effector.mass;
+  put(settings_.end_effector.com, state_.F_x_Cee);
+  put(settings_.end_effector.inertia, state_.I_ee);
+  state_.m_load = settings_.load.mass;
+  put(settings_.load.com, state_.F_x_Cload);
+  put(settings_.load.inertia, state_.I_load);
 }
 
 // --- requests -------------------------------------------------------------------------------------------------
@@ -131,7 +85,7 @@ Status Robot::start(const fci::Move& request) {
   for (const fci::Deviation& deviation : {request.maximum_path_deviation, request.maximum_goal_pose_deviation}) {
     if (!(deviation.translation > 0 && deviation.rotation > 0 && deviation.elbow > 0)) return Status::kInvalidArgument;
   }
-  if (phase_ != Phase::kIdle) return Status::kNotPossible;
+  if (const auto refusal = why_not_now()) return *refusal;
 
   phase_ = Phase::kMoving;
   outcome_.reset();
@@ -142,6 +96,7 @@ Status Robot::start(const fci::Move& request) {
   state_.reflex_reason = {};
   generator_.start(generator, desired_.q, F_T_EE_);
   desired_ = generator_.desired();
+  checks_.start(request, external() ? model_ : generator_.model());
   last_command_ = {};
   put(desired_.q, last_command_.q_c);
   last_command_.O_T_EE_c = pose(desired_.O_T_EE_c);
@@ -152,102 +107,76 @@ Status Robot::start(const fci::Move& request) {
 void Robot::stop() {
   if (phase_ != Phase::kMoving) return;
   phase_ = Phase::kStopping;
-  begin_braking();
+  begin_braking(true);
+}
+
+// Why a request that wants an idle robot is refused.
+std::optional<Status> Robot::why_not_now() const {
+  if (phase_ == Phase::kIdle) return std::nullopt;
+  const bool safety_function = phase_ == Phase::kHalted && !enabled_ && !user_stop_ && !locked_;
+  if (safety_function && version_ >= kSafetyStatuses) return Status::kRejectedDueToActivatedSafetyFunctions;
+  return Status::kNotPossible;
 }
 
 Status Robot::recover() {
-  if (moving()) return Status::kNotPossible;
-  if (phase_ == Phase::kReflex) {
-    phase_ = Phase::kRecovering;
-    recovery_ = kRecoveryCycles;
-  }
-  return Status::kSuccess;
+  if (phase_ != Phase::kReflex) return why_not_now().value_or(recovered_ = Status::kSuccess);
+  if (!checks_.inside_range(sensors_.q)) return Status::kManualErrorRecoveryRequired;
+  phase_ = Phase::kRecovering;
+  recovery_ = kRecoveryCycles;
+  return recovered_ = Status::kSuccess;
 }
 
 void Robot::abandon() {
   if (moving()) reflex(Error::kCommunicationConstraints);
 }
 
-Status Robot::set(const fci::SetCollisionBehavior& request) {
-  constexpr double kInfinity = std::numeric_limits<double>::max();
-  for (const auto& thresholds :
-       {request.lower_torque_thresholds_acceleration, request.upper_torque_thresholds_acceleration,
-        request.lower_torque_thresholds_nominal, request.upper_torque_thresholds_nominal}) {
-    if (!within(thresholds, 0, kInfinity)) return Status::kInvalidArgument;
+// --- people at the robot --------------------------------------------------------------------------------------
+
+void Robot::user_stop(bool pressed) {
+  if (user_stop_ && !pressed && checks_.inside_range(sensors_.q)) clear_errors();
+  user_stop_ = pressed;
+  obey_stops();
+}
+
+void Robot::enabling_device(bool held) {
+  enabled_ = held;
+  obey_stops();
+}
+
+void Robot::lock(bool locked) {
+  if (moving() || phase_ == Phase::kGuiding) return;
+  locked_ = locked;
+  obey_stops();
+}
+
+// Into kHalted; control() leaves it.
+void Robot::obey_stops() {
+  if ((!user_stop_ && enabled_ && !locked_) || phase_ == Phase::kHalted || phase_ == Phase::kGuiding) return;
+  const bool safety_function = !user_stop_ && version_ >= kSafetyStatuses;
+  if (moving()) {
+    outcome_ = safety_function ? Status::kPreemptedDueToActivatedSafetyFunctions : Status::kEmergencyAborted;
   }
-  for (const auto& thresholds :
-       {request.lower_force_thresholds_acceleration, request.upper_force_thresholds_acceleration,
-        request.lower_force_thresholds_nominal, request.upper_force_thresholds_nominal}) {
-    if (!within(thresholds, 0, kInfinity)) return Status::kInvalidArgument;
+  if (recovering()) recovered_ = Status::kEmergencyAborted;
+  begin_braking(true);
+  phase_ = Phase::kHalted;
+}
+
+void Robot::guide(bool pressed) {
+  if (pressed && phase_ == Phase::kHalted && user_stop_ && !locked_ && desired_.dq.isZero(0)) {
+    guiding_.start(settings_.guiding, model_, F_T_EE_, sensors_.q);
+    phase_ = Phase::kGuiding;
+  } else if (!pressed && phase_ == Phase::kGuiding) {
+    holding_ = ControllerMode::kJointImpedance;
+    rest_at(sensors_.q);
+    phase_ = Phase::kHalted;
   }
-  if (phase_ != Phase::kIdle) return Status::kNotPossible;
-  collision_ = request;
-  return Status::kSuccess;
 }
 
-Status Robot::set(const fci::SetJointImpedance& request) {
-  if (!within(request.K_theta, 0, 14250)) return Status::kInvalidArgument;
-  if (phase_ != Phase::kIdle) return Status::kNotPossible;
-  internal_.K_theta = vector(request.K_theta);
-  return Status::kSuccess;
-}
+void Robot::inject(Error error) { reflex(error); }
 
-Status Robot::set(const fci::SetCartesianImpedance& request) {
-  for (int i = 0; i < 6; ++i) {
-    const double low = i < 3 ? 10 : 1, high = i < 3 ? 3000 : 300;
-    if (!(request.K_x[i] >= low && request.K_x[i] <= high)) return Status::kInvalidArgument;
-  }
-  if (phase_ != Phase::kIdle) return Status::kNotPossible;
-  internal_.K_x = vector(request.K_x);
-  return Status::kSuccess;
-}
-
-// Says which axes a hand that presses the guiding button would free; nobody presses it here.
-Status Robot::set(const fci::SetGuidingMode&) {
-  return phase_ == Phase::kIdle ? Status::kSuccess : Status::kNotPossible;
-}
-
-Status Robot::set(const fci::SetEEToK& request) {
-  if (!is_transform(request.EE_T_K)) return Status::kInvalidArgument;
-  if (phase_ != Phase::kIdle) return Status::kNotPossible;
-  internal_.EE_T_K = matrix(request.EE_T_K);
-  configure();
-  return Status::kSuccess;
-}
-
-Status Robot::set(const fci::SetNEToEE& request) {
-  if (!is_transform(request.NE_T_EE)) return Status::kInvalidArgument;
-  if (phase_ != Phase::kIdle) return Status::kNotPossible;
-  NE_T_EE_ = matrix(request.NE_T_EE);
-  configure();
-  rest_at(desired_.q);
-  return Status::kSuccess;
-}
-
-Status Robot::set(const fci::SetLoad& request) {
-  constexpr double kTolerance = 1e-9;  // kg m²
-  const Eigen::Map<const Eigen::Matrix3d> I(request.I_load.data());
-  if (!(request.m_load >= 0) || !std::isfinite(request.m_load) || !vector(request.F_x_Cload).allFinite() ||
-      !I.allFinite() || (I - I.transpose()).cwiseAbs().maxCoeff() > kTolerance ||
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(I, Eigen::EigenvaluesOnly).eigenvalues().minCoeff() <
-          -kTolerance) {
-    return Status::kInvalidArgument;
-  }
-  if (phase_ != Phase::kIdle) return Status::kNotPossible;
-  load_ = {request.m_load, vector(request.F_x_Cload), I};
-  configure();
-  return Status::kSuccess;
-}
-
-Status Robot::set(const fci::SetFilters& request) {
-  for (double frequency : {request.joint_position_filter_frequency, request.joint_velocity_filter_frequency,
-                           request.cartesian_position_filter_frequency, request.cartesian_velocity_filter_frequency,
-                           request.controller_filter_frequency}) {
-    if (!(frequency > 0 && frequency <= kNoFilter)) return Status::kInvalidArgument;
-  }
-  if (phase_ != Phase::kIdle) return Status::kNotPossible;
-  filters_ = request;
-  return Status::kSuccess;
+void Robot::clear_errors() {
+  state_.errors = {};
+  contact_.reset();
 }
 
 // --- the cycle ------------------------------------------------------------------------------------------------
@@ -259,7 +188,7 @@ bool Robot::takes(const fci::RobotCommand& command) {
   return command.message_id == state_.message_id;
 }
 
-Vector7 Robot::control(const fci::RobotCommand* command) {
+void Robot::advance_phase(const fci::RobotCommand* command) {
   switch (phase_) {
     case Phase::kMoving:
       if (command != nullptr) {
@@ -277,33 +206,54 @@ Vector7 Robot::control(const fci::RobotCommand* command) {
       brake();
       if (--recovery_ <= 0 && desired_.dq.isZero(0)) {
         phase_ = Phase::kIdle;
-        state_.errors = {};
+        clear_errors();
       }
       break;
+    case Phase::kHalted:
+      brake();
+      if (!user_stop_ && enabled_ && !locked_ && desired_.dq.isZero(0)) {
+        phase_ = fci::any(state_.errors) ? Phase::kReflex : Phase::kIdle;
+      }
+      break;
+    case Phase::kGuiding: rest_at(sensors_.q); break;
     case Phase::kIdle: break;
   }
-  const Vector tau = law() + model_.gravity();
-  const auto tau_max = vector(limits_->tau_max);
+}
+
+bool Robot::under_way() const {
+  return awaits_command() || phase_ == Phase::kStopping || phase_ == Phase::kGuiding || !desired_.dq.isZero(0);
+}
+
+void Robot::stand_still() {
+  if (!under_way()) advance_phase(nullptr);
+  report();
+}
+
+Vector7 Robot::control(const fci::RobotCommand* command) {
+  advance_phase(command);
+  const Vector tau_max = kPeakTorque * vector(checks_.limits().tau_max);
+  tau_motor_ = (law() + model_.gravity()).cwiseMax(-tau_max).cwiseMin(tau_max);
   Vector7 tau_motor;
-  put(Vector(tau.cwiseMax(-tau_max).cwiseMin(tau_max)), tau_motor);
+  put(tau_motor_, tau_motor);
   return tau_motor;
 }
 
 void Robot::follow(fci::RobotCommand command) {
   count(true);
   motion_.lost = 0;
-  if (const auto error = check_values(motion_.controller, motion_.generator, command)) {
+  if (const auto error = checks_.values(command)) {
     reflex(*error, Status::kInputErrorAborted);
     return;
   }
   filter(command);
   last_command_ = command;
-  if (external()) tau_J_d_ = vector(command.tau_J_d);
-  if (motion_.generator == Mode::kNone) {
-    rest_at(q_);
-  } else {
-    generator_.step(command);
-    desired_ = generator_.desired();
+  const fci::Errors errors = motion_.commanded ? checks_.elbow(command, desired_) : checks_.first(command, desired_);
+  motion_.commanded = true;
+  if (reflex(errors) || !advance(&command)) return;
+  if (external()) {
+    const Vector tau = vector(command.tau_J_d);
+    if (reflex(checks_.torque(tau, tau_J_d_))) return;
+    tau_J_d_ = tau;
   }
   const bool torques_alone = motion_.generator == Mode::kNone;
   if (command.motion_generation_finished || (torques_alone && command.torque_command_finished)) finish();
@@ -316,12 +266,24 @@ void Robot::lose() {
     reflex(Error::kCommunicationConstraints);
     return;
   }
+  advance(nullptr);
+}
+
+// The desired motion by a cycle; without a command as the robot extrapolates. False: it breaks a limit, and is not
+// made.
+bool Robot::advance(const fci::RobotCommand* command) {
   if (motion_.generator == Mode::kNone) {
-    rest_at(q_);
+    rest_at(sensors_.q);
+    return true;
+  }
+  if (command != nullptr) {
+    generator_.step(*command);
   } else {
     generator_.extrapolate();
-    desired_ = generator_.desired();
   }
+  if (reflex(checks_.reference(desired_, generator_.desired()))) return false;
+  desired_ = generator_.desired();
+  return true;
 }
 
 void Robot::count(bool received) {
@@ -332,15 +294,16 @@ void Robot::count(bool received) {
 
 // Up to version 5 the robot can filter what it is commanded.
 void Robot::filter(fci::RobotCommand& command) {
-  const auto smooth = [](auto& values, const auto& before, double frequency) {
-    const double gain = low_pass_gain(frequency);
+  const auto gain_at = [](double frequency) { return frequency < kNoFilter ? low_pass_gain(frequency) : 1; };
+  const auto smooth = [&](auto& values, const auto& before, double frequency) {
+    const double gain = gain_at(frequency);
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = gain * values[i] + (1 - gain) * before[i];
   };
-  smooth(command.q_c, last_command_.q_c, filters_.joint_position_filter_frequency);
-  smooth(command.dq_c, last_command_.dq_c, filters_.joint_velocity_filter_frequency);
-  smooth(command.O_dP_EE_c, last_command_.O_dP_EE_c, filters_.cartesian_velocity_filter_frequency);
-  smooth(command.tau_J_d, last_command_.tau_J_d, filters_.controller_filter_frequency);
-  if (const double gain = low_pass_gain(filters_.cartesian_position_filter_frequency); gain < 1) {
+  smooth(command.q_c, last_command_.q_c, settings_.filters.joint_position_filter_frequency);
+  smooth(command.dq_c, last_command_.dq_c, settings_.filters.joint_velocity_filter_frequency);
+  smooth(command.O_dP_EE_c, last_command_.O_dP_EE_c, settings_.filters.cartesian_velocity_filter_frequency);
+  smooth(command.tau_J_d, last_command_.tau_J_d, settings_.filters.controller_filter_frequency);
+  if (const double gain = gain_at(settings_.filters.cartesian_position_filter_frequency); gain < 1) {
     const Eigen::Matrix4d from = matrix(last_command_.O_T_EE_c);
     Eigen::Matrix4d to = matrix(command.O_T_EE_c);
     to.topRightCorner<3, 1>() = gain * to.topRightCorner<3, 1>() + (1 - gain) * from.topRightCorner<3, 1>();
@@ -351,15 +314,7 @@ void Robot::filter(fci::RobotCommand& command) {
 }
 
 void Robot::finish() {
-  // Protocol 5 to 9 has no other way to say "torques alone" than with joint velocities of zero.
-  const bool reference = motion_.generator != Mode::kNone;
-  auto error = reference ? check_finish(*limits_, motion_.generator, desired_) : std::nullopt;
-  if (!error && external()) error = check_finish(dq_);
-  if (error) {
-    reflex(*error);
-  } else {
-    end(Status::kSuccess);
-  }
+  if (!reflex(checks_.finish(desired_, sensors_.dq, matrix(state_.O_T_EE), sensors_.q))) end(Status::kSuccess);
 }
 
 // After a motion with an internal controller this one goes on and holds q_d, after torques the arm is held where it is.
@@ -368,7 +323,7 @@ void Robot::end(Status outcome) {
   outcome_ = outcome;
   if (external()) {
     holding_ = ControllerMode::kJointImpedance;
-    rest_at(outcome == Status::kSuccess ? q_ : desired_.q);
+    rest_at(outcome == Status::kSuccess ? sensors_.q : desired_.q);
   } else {
     holding_ = motion_.controller;
     rest_at(desired_.q);
@@ -376,12 +331,30 @@ void Robot::end(Status outcome) {
 }
 
 void Robot::reflex(Error error, Status outcome) {
-  begin_braking();
-  holding_ = ControllerMode::kJointImpedance;
-  phase_ = Phase::kReflex;
-  outcome_ = outcome;
+  if (phase_ == Phase::kIdle || moving()) {
+    if (moving()) outcome_ = outcome;
+    // After a collision the arm does not press on.
+    begin_braking(error != Error::kJointReflex && error != Error::kCartesianReflex);
+    phase_ = Phase::kReflex;
+  }
   state_.errors[static_cast<std::size_t>(error)] = true;
   state_.reflex_reason = state_.errors;
+}
+
+// What is felt beyond the thresholds. They guard an arm that is to move or to hold.
+void Robot::react() {
+  if (phase_ != Phase::kIdle && !moving()) return;
+  const bool joint = contact_.joint, cartesian = contact_.cartesian;
+  if (joint) reflex(Error::kJointReflex);
+  if (cartesian) reflex(Error::kCartesianReflex);
+}
+
+// All of them; true if there is one.
+bool Robot::reflex(const fci::Errors& errors) {
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    if (errors[i]) reflex(static_cast<Error>(i));
+  }
+  return fci::any(errors);
 }
 
 void Robot::rest_at(const Vector& q) {
@@ -389,23 +362,22 @@ void Robot::rest_at(const Vector& q) {
   desired_ = generator_.desired();
 }
 
-// How a robot stops is not published: here each joint as hard as it may be commanded to, from the reference if the
-// arm follows one in its joints, else from where it is.
-void Robot::begin_braking() {
-  if (motion_.controller == ControllerMode::kJointImpedance) {
-    holding_ = ControllerMode::kJointImpedance;
+// How a robot stops is not published: here each joint as hard as it may be commanded to, from the reference where one
+// is followed, and by the same law; else from where the arm is.
+void Robot::begin_braking(bool from_reference) {
+  if (from_reference && !(moving() && external())) {
+    if (moving()) holding_ = motion_.controller;
     return;
   }
-  const Vector dq = dq_;
   holding_ = ControllerMode::kJointImpedance;
-  rest_at(q_);
-  desired_.dq = dq;
+  rest_at(sensors_.q);
+  desired_.dq = sensors_.dq;
 }
 
 void Robot::brake() {
   if (desired_.dq.isZero(0)) return;
   const Vector before = desired_.dq;
-  const Vector step = kDt * vector(limits_->ddq_max);
+  const Vector step = kDt * vector(checks_.limits().ddq_max);
   const Vector dq = before - before.cwiseMax(-step).cwiseMin(step);
   const Vector q = desired_.q + kDt * dq;
   rest_at(q);
@@ -415,30 +387,39 @@ void Robot::brake() {
 
 // tau_d without gravity; what it is while torques are commanded, the client says.
 Robot::Vector Robot::law() {
+  if (phase_ == Phase::kGuiding) return tau_J_d_ = guiding_.torque(model_, F_T_EE_, sensors_.q, sensors_.dq);
   if (phase_ == Phase::kMoving && external()) {
     if (motion_.cycles > 0) return tau_J_d_;
-    return internal_.joint_impedance(model_, q_, dq_, desired_);  // holds until the first torque, and reports none
+    // Holds until the first torque, and reports none.
+    return internal_.joint_impedance(model_, sensors_.q, sensors_.dq, desired_);
   }
   const auto controller = phase_ == Phase::kMoving ? motion_.controller : holding_;
   tau_J_d_ = controller == ControllerMode::kCartesianImpedance
-                 ? internal_.cartesian_impedance(model_, F_T_EE_, q_, dq_, desired_)
-                 : internal_.joint_impedance(model_, q_, dq_, desired_);
+                 ? internal_.cartesian_impedance(model_, F_T_EE_, sensors_.q, sensors_.dq, desired_)
+                 : internal_.joint_impedance(model_, sensors_.q, sensors_.dq, desired_);
   return tau_J_d_;
 }
 
 void Robot::sense(const Truth& truth) {
-  const Vector dq_before = dq_, tau_J_before = tau_J_;
-  q_ = vector(truth.q);
-  dq_ = vector(truth.dq);
-  tau_J_ = vector(truth.tau_J);
-  model_.update(q_, dq_);
+  sensors_.read(truth);
+  model_.update(sensors_.q, sensors_.dq);
   if (sensed_) {
-    dtau_J_ += low_pass_gain(kTorqueRateFilter) * ((tau_J_ - tau_J_before) / kDt - dtau_J_);
-    const Vector expected = model_.mass() * ((dq_ - dq_before) / kDt) + model_.coriolis() + model_.gravity();
-    tau_ext_ += low_pass_gain(kExternalForceFilter) * (tau_J_ - expected - tau_ext_);
+    external_force_.update(model_, sensors_, F_T_EE_ * internal_.EE_T_K);
+    const bool accelerating = !desired_.ddq.isZero(kAccelerating);
+    contact_.update(settings_.collision, accelerating, external_force_.tau, external_force_.K_F_K);
+    react();
   } else {
-    rest_at(q_);
+    rest_at(sensors_.q);
     sensed_ = true;
+  }
+  // Guided farther out of the range that it has left.
+  if (phase_ == Phase::kGuiding && state_.errors[static_cast<std::size_t>(Error::kJointPositionLimits)] &&
+      checks_.leaves_range(sensors_.q, sensors_.dq)) {
+    reflex(Error::kJointMoveInWrongDirection);
+  }
+  if (phase_ == Phase::kMoving) {
+    reflex(checks_.arm(model_, F_T_EE_, sensors_.q, sensors_.dq, sensors_.tau_J, tau_motor_, desired_));
+    reflex(checks_.self_collision(external() ? model_ : generator_.model()));
   }
   report();
 }
@@ -448,34 +429,24 @@ void Robot::report() {
   ++s.message_id;
 
   s.O_T_EE = pose(model_.O_T_F() * F_T_EE_);
-  put(tau_J_, s.tau_J);
-  put(dtau_J_, s.dtau_J);
-  put(q_, s.q);
-  put(dq_, s.dq);
-  put(Vector(q_ + tau_J_ / kJointStiffness), s.theta);
-  put(Vector(dq_ + dtau_J_ / kJointStiffness), s.dtheta);
-  s.elbow = elbow(q_);
+  put(sensors_.tau_J, s.tau_J);
+  put(sensors_.dtau_J, s.dtau_J);
+  put(sensors_.q, s.q);
+  put(sensors_.dq, s.dq);
+  put(sensors_.theta, s.theta);
+  put(sensors_.dtheta, s.dtheta);
+  s.elbow = elbow(sensors_.q);
   s.O_ddP_O = {0, 0, -9.81};
-  s.accelerometer_top = s.accelerometer_bottom = accelerometers(arm_, q_);
+  s.accelerometer_top = sensors_.accelerometer_top;
+  s.accelerometer_bottom = sensors_.accelerometer_bottom;
 
-  // What the arm exerts on the world, felt in its joints; an arm that is pushed reports the reaction.
-  const Eigen::Matrix4d F_T_K = F_T_EE_ * internal_.EE_T_K;
-  const ArmModel::Matrix67 J = model_.jacobian(F_T_K.topRightCorner<3, 1>());
-  Eigen::Matrix<double, 6, 6> JJt = J * J.transpose();
-  JJt.diagonal().array() += 1e-6;  // bounded next to singularities
-  const Wrench O_F = JJt.llt().solve(J * tau_ext_);
-  const Eigen::Matrix3d O_R_K = (model_.O_T_F() * F_T_K).topLeftCorner<3, 3>();
-  put(tau_ext_, s.tau_ext_hat_filtered);
-  put(O_F, s.O_F_ext_hat_K);
-  Wrench K_F;
-  K_F << O_R_K.transpose() * O_F.head<3>(), O_R_K.transpose() * O_F.tail<3>();
-  put(K_F, s.K_F_ext_hat_K);
-  for (int i = 0; i < 7; ++i) {
-    s.joint_contact[i] = std::abs(tau_ext_[i]) > collision_.lower_torque_thresholds_nominal[i];
-  }
-  for (int i = 0; i < 6; ++i) {
-    s.cartesian_contact[i] = std::abs(K_F[i]) > collision_.lower_force_thresholds_nominal[i];
-  }
+  put(external_force_.tau, s.tau_ext_hat_filtered);
+  put(external_force_.O_F_K, s.O_F_ext_hat_K);
+  put(external_force_.K_F_K, s.K_F_ext_hat_K);
+  s.joint_contact = contact_.joint_contact;
+  s.cartesian_contact = contact_.cartesian_contact;
+  s.joint_collision = contact_.joint_collision;
+  s.cartesian_collision = contact_.cartesian_collision;
 
   put(desired_.q, s.q_d);
   put(desired_.dq, s.dq_d);
@@ -500,6 +471,8 @@ void Robot::report() {
     case Phase::kStopping: s.robot_mode = RobotMode::kMove; break;
     case Phase::kReflex: s.robot_mode = RobotMode::kReflex; break;
     case Phase::kRecovering: s.robot_mode = RobotMode::kAutomaticErrorRecovery; break;
+    case Phase::kHalted: s.robot_mode = locked_ ? RobotMode::kOther : RobotMode::kUserStopped; break;
+    case Phase::kGuiding: s.robot_mode = RobotMode::kGuiding; break;
   }
   s.control_command_success_rate =
       phase_ == Phase::kMoving && motion_.cycles > 0

@@ -1,12 +1,17 @@
 #include "sim/robot_server.hpp"
 
 #include <spdlog/spdlog.h>
+#include <linux/sockios.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <ctime>
+#include <memory>
 
+#include "sim/clock.hpp"
 #include "sim/model_library/model_library.hpp"
 
 namespace sim {
@@ -16,6 +21,16 @@ using fci::Command;
 using fci::Status;
 
 constexpr int kMaxDatagrams = 64;  // looked at in one cycle
+constexpr std::int64_t kCycle = 1'000'000;  // ns of the robot's time
+
+// When the datagram came that was received last, by the kernel, or now.
+std::int64_t arrival(int socket) {
+  timespec came, now;
+  const std::int64_t time = Clock::now();
+  if (::ioctl(socket, SIOCGSTAMPNS_OLD, &came) != 0) return time;  // which asks the kernel to note it from now on
+  ::clock_gettime(CLOCK_REALTIME, &now);
+  return time - ((now.tv_sec - came.tv_sec) * 1'000'000'000 + now.tv_nsec - came.tv_nsec);
+}
 
 }  // namespace
 
@@ -66,6 +81,8 @@ bool RobotServer::connect(Connection& newcomer, std::uint32_t id, std::uint16_t 
 }
 
 void RobotServer::gone() {
+  delayed_states_.clear();
+  delayed_commands_.clear();
   move_.reset();
   stop_.reset();
   recovery_.reset();
@@ -157,21 +174,35 @@ void RobotServer::answer(Command command, std::uint32_t id, Status status, std::
 // --- UDP ------------------------------------------------------------------------------------------------------
 
 const fci::RobotCommand* RobotServer::receive() { return receive(MSG_DONTWAIT); }
-const fci::RobotCommand* RobotServer::wait() { return receive(0); }
+const fci::RobotCommand* RobotServer::wait() {
+  // A client in a hurry answers sooner than a sleeping thread wakes.
+  constexpr std::int64_t kPolling = 100'000;  // ns
+  for (const std::int64_t until = Clock::now() + kPolling; Clock::now() < until;) {
+    if (const auto* command = receive(MSG_DONTWAIT)) return command;
+  }
+  return receive(0);
+}
 
 const fci::RobotCommand* RobotServer::receive(int flags) {
   if (!connected()) return nullptr;
+  while (!delayed_commands_.empty()) {
+    const Delayed& first = delayed_commands_.front();
+    if (first.due > (period_ > 0 ? Clock::now() : static_cast<std::int64_t>(robot_.state().message_id))) break;
+    const auto* command = take(first.datagram);
+    delayed_commands_.erase(delayed_commands_.begin());
+    if (command) return command;
+  }
   std::array<std::byte, fci::kMaxCommandSize> datagram;
-  for (int i = 0; i < kMaxDatagrams; ++i) {
+  for (int i = 0; i < kMaxDatagrams && !in_vain_; ++i) {
     const ssize_t size = ::recv(udp_.fd(), datagram.data(), datagram.size(), flags | MSG_TRUNC);
     if (size < 0) {
       if (errno == ECONNREFUSED) continue;  // an earlier state found the client's port closed
       return nullptr;
     }
     if (static_cast<std::size_t>(size) == command_size_) {
-      fci::Reader reader(version_, datagram.data());
-      walk(reader, command_);
-      if (robot_.takes(command_)) return &command_;
+      const std::span<const std::byte> whole(datagram.data(), command_size_);
+      if (robot_.moving() && held_up(whole)) continue;
+      if (const auto* command = take(whole)) return command;
     } else if (!refused_datagram_) {
       refused_datagram_ = true;
       spdlog::warn("robot: {} sent a datagram of {} bytes, where a command has {}: it is ignored, as will be others",
@@ -181,22 +212,88 @@ const fci::RobotCommand* RobotServer::receive(int flags) {
   return nullptr;
 }
 
-void RobotServer::publish() {
+const fci::RobotCommand* RobotServer::take(std::span<const std::byte> datagram) {
+  fci::Reader reader(version_, datagram.data());
+  walk(reader, command_);
+  return robot_.takes(command_) ? &command_ : nullptr;
+}
+
+// Whether the network keeps back this command, for a time or for good.
+bool RobotServer::held_up(std::span<const std::byte> datagram) {
+  const auto delay = network_.to_arm();
+  if (delay && (*delay == 0 || (period_ == 0 && *delay < kCycle))) return false;
+  if (!delay) {
+    in_vain_ = period_ == 0;
+    return true;
+  }
+  std::int64_t due;
+  if (period_ > 0) {
+    due = arrival(udp_.fd()) + *delay * period_ / kCycle;
+    if (due <= Clock::now()) return false;
+  } else {
+    in_vain_ = true;
+    due = static_cast<std::int64_t>(robot_.state().message_id) + *delay / kCycle;
+  }
+  delayed_commands_.push_back({due, {datagram.begin(), datagram.end()}});
+  return true;
+}
+
+void RobotServer::send_delayed(std::int64_t now) {
+  std::erase_if(delayed_states_, [&](const Delayed& state) {
+    if (state.due > now) return false;
+    ::send(udp_.fd(), state.datagram.data(), state.datagram.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+    return true;
+  });
+}
+
+std::optional<std::int64_t> RobotServer::next_delayed() const {
+  std::optional<std::int64_t> next;
+  for (const Delayed& state : delayed_states_) next = std::min(next.value_or(state.due), state.due);
+  return next;
+}
+
+void RobotServer::publish(std::int64_t period) {
+  period_ = period;
+  in_vain_ = false;
   if (!connected()) return;
   std::array<std::byte, fci::kMaxStateSize> datagram;
   fci::Writer writer(version_, datagram.data());
   walk(writer, robot_.state());
-  ::send(udp_.fd(), datagram.data(), state_size_, MSG_DONTWAIT | MSG_NOSIGNAL);
+  const auto delay = robot_.moving() ? network_.from_arm() : 0;
+  if (delay && (*delay == 0 || (period == 0 && *delay < kCycle))) {
+    ::send(udp_.fd(), datagram.data(), state_size_, MSG_DONTWAIT | MSG_NOSIGNAL);
+  } else {
+    in_vain_ = period == 0;
+    const auto id = static_cast<std::int64_t>(robot_.state().message_id);
+    const auto whole = datagram.begin() + static_cast<std::ptrdiff_t>(state_size_);
+    if (delay) {
+      const std::int64_t due = period > 0 ? Clock::now() + *delay * period / kCycle : id + *delay / kCycle;
+      delayed_states_.push_back({due, {datagram.begin(), whole}});
+    }
+  }
+  if (period == 0 && !delayed_states_.empty()) send_delayed(static_cast<std::int64_t>(robot_.state().message_id));
 
   const auto settle = [&](std::optional<std::uint32_t>& id, Command command, Status status) {
     if (id) answer(command, *id, status);
     id.reset();
   };
   if (!robot_.moving()) {
-    settle(move_, Command::kMove, robot_.outcome().value_or(Status::kAborted));
-    settle(stop_, Command::kStopMove, Status::kSuccess);
+    const Status outcome = robot_.outcome().value_or(Status::kAborted);
+    // Something else may have stopped the arm before it was at rest.
+    const bool stopped = !move_ || outcome == Status::kPreempted || outcome == Status::kSuccess;
+    settle(move_, Command::kMove, outcome);
+    settle(stop_, Command::kStopMove,
+           stopped || !fci::status_byte(version_, Command::kStopMove, outcome) ? Status::kSuccess : outcome);
   }
-  if (!robot_.recovering()) settle(recovery_, Command::kAutomaticErrorRecovery, Status::kSuccess);
+  if (!robot_.recovering()) settle(recovery_, Command::kAutomaticErrorRecovery, robot_.recovered());
+}
+
+void RobotServer::restore(const Robot& moment) {
+  const std::uint64_t id = robot_.state().message_id;
+  std::destroy_at(&robot_);
+  std::construct_at(&robot_, moment);
+  robot_.continue_from(id);
+  robot_.set_version(version_);
 }
 
 }  // namespace sim

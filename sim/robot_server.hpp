@@ -1,5 +1,6 @@
 #pragma once
 
+#include "sim/network.hpp"
 #include "sim/port.hpp"
 #include "sim/robot.hpp"
 #include "wire/fci/service.hpp"
@@ -19,8 +20,20 @@ class RobotServer : public Port {
   // The same, and waits for it a millisecond or so.
   const fci::RobotCommand* wait();
 
-  // Sends the robot's state, then the answers that it makes true.
-  void publish();
+  // The command for the robot's last state is lost, or will come too late.
+  bool in_vain() const { return in_vain_; }
+
+  // Sends the robot's state, then the answers that it makes true. `period` (ns of the wall) is how long a cycle takes;
+  // 0: as long as its command does, and what is delayed comes cycles later.
+  void publish(std::int64_t period);
+  // Sends what the network has held up until now.
+  void send_delayed(std::int64_t now);
+  // When there is such (ns, Clock::now()).
+  std::optional<std::int64_t> next_delayed() const;
+
+  Network& network() { return network_; }
+  // The robot becomes what it was; it goes on with its client and its count of states.
+  void restore(const Robot& moment);
 
  private:
   Header read_header(std::span<const std::byte> bytes) const override;
@@ -35,6 +48,8 @@ class RobotServer : public Port {
   bool set(const Header& header, std::span<const std::byte> body);
   void answer(fci::Command command, std::uint32_t id, fci::Status status, std::span<const std::byte> more = {});
   const fci::RobotCommand* receive(int flags);
+  const fci::RobotCommand* take(std::span<const std::byte> datagram);
+  bool held_up(std::span<const std::byte> datagram);
 
   const models::Arm& arm_;
   std::optional<fci::Version> only_;
@@ -47,6 +62,15 @@ class RobotServer : public Port {
   std::optional<std::uint32_t> move_, stop_, recovery_;  // ids of requests to be answered when a state has shown it
 
   fci::RobotCommand command_;
+
+  struct Delayed {
+    std::int64_t due;  // ns, or message_id
+    std::vector<std::byte> datagram;
+  };
+  Network network_;
+  std::vector<Delayed> delayed_states_, delayed_commands_;
+  std::int64_t period_ = 0;
+  bool in_vain_ = false;
 };
 
 }  // namespace sim

@@ -12,11 +12,6 @@
 namespace sim {
 namespace {
 
-struct DeleteSpec {
-  void operator()(mjSpec* spec) const { mj_deleteSpec(spec); }
-};
-using SpecPtr = std::unique_ptr<mjSpec, DeleteSpec>;
-
 constexpr const char* kFloorOnly = R"(
 <mujoco model="floor">
   <worldbody>
@@ -26,9 +21,12 @@ constexpr const char* kFloorOnly = R"(
   </worldbody>
 </mujoco>)";
 
-// The arm touches its surroundings and not itself: parts of it that cross are the business of the robot's self-collision
-// avoidance, and neighbouring capsules overlap by design.
-constexpr int kArmContype = 1, kArmConaffinity = 0;
+// The arm touches its surroundings and other arms, and not itself: parts of it that cross are the business of the
+// robot's self-collision avoidance, and neighbouring capsules overlap by design. Each arm has a bit of its own, to which
+// the others answer; the first bit is the scenes' default.
+constexpr int kSceneBit = 1;
+int bit_of(std::size_t arm) { return 2 << arm; }
+int bits_of_others(std::size_t arm, std::size_t count) { return ((2 << count) - 2) & ~bit_of(arm); }
 
 // Contacts of the arm are stiff: a time constant of four cycles is some 10^5 N/m at the hand. Rubber on the fingertips;
 // condim 4 adds friction against turning about the normal, since a flat pad is more than points.
@@ -60,19 +58,26 @@ void set_rotation(double (&quat)[4], const models::Vector3& rpy) {
   mju_euler2Quat(quat, rpy.data(), "XYZ");
 }
 
+}  // namespace
+
+void set_arm_contact(mjsGeom* geom) {
+  geom->condim = 4;
+  set(geom->solref, kSolref);
+  set(geom->solimp, kSolimp);
+}
+
+namespace {
+
 mjsGeom* add_geom(mjsBody* body, mjtGeom type, const models::Vector3& pos, const models::Vector3& size,
                   const std::array<double, 3>& friction) {
   mjsGeom* geom = mjs_addGeom(body, nullptr);
   geom->type = type;
   set(geom->pos, pos);
   set(geom->size, size);
-  geom->contype = kArmContype;
-  geom->conaffinity = kArmConaffinity;
+  geom->contype = kSceneBit;
   geom->priority = 1;  // before the default of scenes; a scene's soft surface takes 2
-  geom->condim = 4;
+  set_arm_contact(geom);
   set(geom->friction, friction);
-  set(geom->solref, kSolref);
-  set(geom->solimp, kSolimp);
   geom->mass = 0;
   geom->group = kCollisionGroup;
   constexpr std::array<float, 4> kWhite = {0.93f, 0.94f, 0.95f, 1};
@@ -122,6 +127,13 @@ void add_hand(mjsBody* flange, models::Vector3 flange_xyz) {
   tcp->pos[2] = models::hand::kTcp;
   tcp->group = kCollisionGroup;
 
+  // Beside the fingers and turned towards them by 15°: they come into the picture from below.
+  mjsCamera* wrist = mjs_addCamera(hand, nullptr);
+  mjs_setName(wrist->element, "wrist");
+  set(wrist->pos, models::Vector3{0.07, 0, 0.01});
+  set(wrist->quat, std::array<double, 4>{0.0923, 0.7010, 0.7010, 0.0923});
+  wrist->fovy = 60;  // degrees
+
   for (int i = 1; i <= 2; ++i) {
     const std::string name = "finger" + std::to_string(i);
     mjsBody* finger = add_body(hand, name);
@@ -136,7 +148,7 @@ void add_hand(mjsBody* flange, models::Vector3 flange_xyz) {
   }
 }
 
-SpecPtr arm_spec(const models::Arm& arm, bool with_hand) {
+SpecPtr arm_spec(const models::Arm& arm, bool with_hand, std::size_t index, std::size_t count) {
   SpecPtr spec(mj_makeSpec());
   spec->compiler.degree = 0;
   spec->compiler.balanceinertia = 1;  // see restore_inertia()
@@ -146,6 +158,7 @@ SpecPtr arm_spec(const models::Arm& arm, bool with_hand) {
   for (int i = 0; i <= 7; ++i) {
     if (i > 0) {
       body = add_body(body, "link" + std::to_string(i));
+      if (i == 1) body->sleep = mjSLEEP_NEVER;  // for all that hangs on it
       set(body->pos, arm.joints[i - 1].xyz);
       set_rotation(body->quat, arm.joints[i - 1].rpy);
       set_inertia(body, arm.links[i]);
@@ -159,6 +172,11 @@ SpecPtr arm_spec(const models::Arm& arm, bool with_hand) {
     }
   }
   if (with_hand) add_hand(body, arm.joints[7].xyz);
+  for (mjsElement* e = mjs_firstElement(spec.get(), mjOBJ_GEOM); e; e = mjs_nextElement(spec.get(), e)) {
+    mjsGeom* geom = mjs_asGeom(e);
+    if (geom->contype != 0) geom->contype |= bit_of(index);
+    geom->conaffinity = bits_of_others(index, count);
+  }
   return spec;
 }
 
@@ -169,9 +187,28 @@ std::string one_line(std::string text) {
   return text;
 }
 
-SpecPtr read_scene(const std::string& file) {
+// Ours lie beside the programs, and are asked for by name.
+std::string file_of(const std::string& scene) {
+  if (scene.find('/') != std::string::npos || scene.ends_with(".xml")) return scene;
+  const auto folder = std::filesystem::canonical("/proc/self/exe").parent_path() / "../share/fci-sim/scenes";
+  const auto file = folder / (scene + ".xml");
+  if (std::filesystem::is_regular_file(file)) return file.lexically_normal().string();
+  std::vector<std::string> names;
+  std::error_code none;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, none)) {
+    if (entry.path().extension() == ".xml") names.push_back(entry.path().stem());
+  }
+  std::sort(names.begin(), names.end());
+  std::string list;
+  for (const auto& name : names) list += (list.empty() ? "" : ", ") + name;
+  throw std::runtime_error("scene " + scene + ": there is none of this name; expected an MJCF file (NAME.xml), or one of " +
+                           list);
+}
+
+SpecPtr read_scene(const std::string& scene) {
   char error[1000] = "";
-  if (file.empty()) return SpecPtr(mj_parseXMLString(kFloorOnly, nullptr, error, sizeof error));
+  if (scene.empty()) return SpecPtr(mj_parseXMLString(kFloorOnly, nullptr, error, sizeof error));
+  const std::string file = file_of(scene);
   if (!std::filesystem::is_regular_file(file)) {
     throw std::runtime_error("scene " + file + ": no such file; expected an MJCF file");
   }
@@ -181,7 +218,8 @@ SpecPtr read_scene(const std::string& file) {
 }
 
 // Semi-implicit Euler: nothing of ours has stiff damping of MuJoCo's kind, and it costs least. Elliptic cones with
-// impratio let a grasped thing creep so little that it stays. No reset to the start when the physics breaks down.
+// impratio let a grasped thing creep so little that it stays. Things at rest sleep, which takes no time, until they are
+// touched. No reset to the start when the physics breaks down.
 void set_physics(mjOption& option, double timestep) {
   mj_defaultOption(&option);
   option.timestep = timestep;
@@ -191,6 +229,7 @@ void set_physics(mjOption& option, double timestep) {
   option.iterations = 20;
   option.ls_iterations = 20;
   option.disableflags = mjDSBL_AUTORESET;
+  option.enableflags = mjENBL_SLEEP;
 }
 
 struct Colour {
@@ -205,6 +244,9 @@ constexpr std::array<Colour, 7> kColours = {{{"white", {0.95f, 0.95f, 0.95f}, 0.
                                              {"red", {0.85f, 0.10f, 0.07f}, 0.35f, 0.5f},
                                              {"green", {0.15f, 0.65f, 0.20f}, 0.35f, 0.5f},
                                              {"blue", {0.05f, 0.45f, 0.75f}, 0.35f, 0.5f}}};
+
+// Before the names of what pictures alone need.
+const std::string kMeshPrefix = "arm/";
 
 // Parts of FR3's visual meshes: file without _vis.obj, body, colour.
 struct Part {
@@ -228,26 +270,29 @@ constexpr std::array<Part, 37> kParts = {{
     {"finger_1", "finger2", "black"},
 }};
 
-void add_meshes(mjSpec* spec, const std::string& folder) {
+// Colours and meshes are shared by the arms, and lie in the spec once.
+void add_meshes(mjSpec* spec, const std::string& prefix, const std::string& folder) {
   for (const Colour& colour : kColours) {
+    if (mjs_findElement(spec, mjOBJ_MATERIAL, (kMeshPrefix + colour.name).c_str())) continue;
     mjsMaterial* material = mjs_addMaterial(spec, nullptr);
-    mjs_setName(material->element, colour.name);
+    mjs_setName(material->element, (kMeshPrefix + colour.name).c_str());
     std::copy(colour.rgb.begin(), colour.rgb.end(), material->rgba);
     material->specular = colour.specular;
     material->shininess = colour.shininess;
   }
   for (const Part& part : kParts) {
-    mjsBody* body = mjs_findBody(spec, part.body);
+    mjsBody* body = mjs_findBody(spec, (prefix + part.body).c_str());
     if (!body) continue;  // without a hand
-    if (!mjs_findElement(spec, mjOBJ_MESH, part.file)) {
+    const std::string name = kMeshPrefix + part.file;
+    if (!mjs_findElement(spec, mjOBJ_MESH, name.c_str())) {
       mjsMesh* mesh = mjs_addMesh(spec, nullptr);
-      mjs_setName(mesh->element, part.file);
+      mjs_setName(mesh->element, name.c_str());
       mjs_setString(mesh->file, (std::filesystem::absolute(folder) / (std::string(part.file) + "_vis.obj")).c_str());
     }
     mjsGeom* geom = mjs_addGeom(body, nullptr);
     geom->type = mjGEOM_MESH;
-    mjs_setString(geom->meshname, part.file);
-    mjs_setString(geom->material, part.colour);
+    mjs_setString(geom->meshname, name.c_str());
+    mjs_setString(geom->material, (kMeshPrefix + part.colour).c_str());
     geom->contype = geom->conaffinity = 0;
     geom->mass = 0;
     geom->group = kVisualGroup;
@@ -256,50 +301,96 @@ void add_meshes(mjSpec* spec, const std::string& folder) {
 
 // The compiler refuses, or changes, an inertia whose principal moments no distribution of mass has (A + B < C), as that of
 // FER's identified link4. Puts the figures back: the arm is to move as its own model says.
-void restore_inertia(mjModel* model, const models::Arm& arm) {
-  for (int i = 0; i <= 7; ++i) {
-    const int body = mj_name2id(model, mjOBJ_BODY, (kArmPrefix + ("link" + std::to_string(i))).c_str());
-    const auto& I = arm.links[i].inertia;
-    const double full[9] = {I[0], I[3], I[4], I[3], I[1], I[5], I[4], I[5], I[2]};
-    double axes[9];
-    mju_eig3(model->body_inertia + 3 * body, axes, model->body_iquat + 4 * body, full);
+void restore_inertia(mjModel* model, const std::vector<const models::Arm*>& arms) {
+  for (std::size_t index = 0; index < arms.size(); ++index) {
+    for (int i = 0; i <= 7; ++i) {
+      const std::string name = arm_prefix(index, arms.size()) + "link" + std::to_string(i);
+      const int body = mj_name2id(model, mjOBJ_BODY, name.c_str());
+      const auto& I = arms[index]->links[i].inertia;
+      const double full[9] = {I[0], I[3], I[4], I[3], I[1], I[5], I[4], I[5], I[2]};
+      double axes[9];
+      mju_eig3(model->body_inertia + 3 * body, axes, model->body_iquat + 4 * body, full);
+    }
   }
   DataPtr data(mj_makeData(model));
   mj_setConst(model, data.get());
 }
 
+std::string title_of(const std::string& scene) { return scene.empty() ? "floor" : "scene " + scene; }
+
+// nullptr where the worldbody has none.
+mjsElement* find_site(mjSpec* spec, const std::string& name) {
+  mjsElement* site = mjs_findElement(spec, mjOBJ_SITE, name.c_str());
+  return site && mjs_getParent(site) == mjs_findBody(spec, "world") ? site : nullptr;
+}
+
+std::size_t count_arms(mjSpec* spec, const std::string& scene) {
+  if (find_site(spec, kArmSite)) return 1;
+  std::size_t count = 0;
+  while (find_site(spec, kArmSite + std::to_string(count + 1))) ++count;
+  if (count >= 2) return count;
+  throw std::runtime_error(title_of(scene) + " has no place for the arm: expected <site name=\"" + kArmSite +
+                           "\" pos=\"x y z\"/> in its worldbody, where the base is to stand (several arms: \"" +
+                           kArmSite + "1\", \"" + kArmSite + "2\" and so on)");
+}
+
 }  // namespace
 
-ModelPtr build_scene(const models::Arm& arm, bool hand, const std::string& scene, double timestep,
-                     const std::string& meshes) {
-  SpecPtr spec = read_scene(scene);
-  const std::string title = scene.empty() ? "floor" : "scene " + scene;
+std::string arm_prefix(std::size_t index, std::size_t count) {
+  return count == 1 ? std::string(kArmSite) + "/" : kArmSite + std::to_string(index + 1) + "/";
+}
 
-  mjsBody* world = mjs_findBody(spec.get(), "world");
-  mjsElement* place = mjs_findElement(spec.get(), mjOBJ_SITE, kArmSite);
-  if (!place || mjs_getParent(place) != world) {
-    throw std::runtime_error(title + " has no place for the arm: expected <site name=\"" + kArmSite +
-                             "\" pos=\"x y z\"/> in its worldbody, where the base is to stand");
+std::size_t arms_in_scene(const std::string& scene) { return count_arms(read_scene(scene).get(), scene); }
+
+Scene build_scene(const std::vector<const models::Arm*>& arms, bool hand, const std::string& scene, double timestep) {
+  SpecPtr spec = read_scene(scene);
+  const std::string title = title_of(scene);
+  const std::size_t places = count_arms(spec.get(), scene);
+  if (arms.size() != places) {
+    throw std::runtime_error(title + " has places for " + std::to_string(places) + " arms, and " +
+                             std::to_string(arms.size()) + " are to stand in it");
   }
-  SpecPtr child = arm_spec(arm, hand);
-  if (!meshes.empty()) add_meshes(child.get(), meshes);
-  if (!mjs_attach(place, mjs_findBody(child.get(), "link0")->element, kArmPrefix, "")) {
-    throw std::runtime_error(title + ": the arm could not be placed in it: " + one_line(mjs_getError(spec.get())));
+  for (std::size_t i = 0; i < arms.size(); ++i) {
+    const std::string prefix = arm_prefix(i, places), site = prefix.substr(0, prefix.size() - 1);
+    SpecPtr child = arm_spec(*arms[i], hand, i, places);
+    if (!mjs_attach(find_site(spec.get(), site), mjs_findBody(child.get(), "link0")->element, prefix.c_str(), "")) {
+      throw std::runtime_error(title + ": the arm could not be placed in it: " + one_line(mjs_getError(spec.get())));
+    }
   }
   set_physics(spec->option, timestep);
 
   ModelPtr model(mj_compile(spec.get(), nullptr));
   if (!model) throw std::runtime_error(title + " does not compile with the arm in it: " + one_line(mjs_getError(spec.get())));
-
-  restore_inertia(model.get(), arm);
+  restore_inertia(model.get(), arms);
 
   // Gravity compensation and the estimates of the state take the base for upright.
-  const int site = mj_name2id(model.get(), mjOBJ_SITE, kArmSite);
-  double R[9];
-  mju_quat2Mat(R, model->site_quat + 4 * site);
-  if (R[8] < 1 - 1e-9) {
-    throw std::runtime_error(title + ": the site \"" + kArmSite + "\" is tilted; its z axis must point up");
+  for (std::size_t i = 0; i < arms.size(); ++i) {
+    const std::string prefix = arm_prefix(i, places), site = prefix.substr(0, prefix.size() - 1);
+    double R[9];
+    mju_quat2Mat(R, model->site_quat + 4 * mj_name2id(model.get(), mjOBJ_SITE, site.c_str()));
+    if (R[8] < 1 - 1e-9) {
+      throw std::runtime_error(title + ": the site \"" + site + "\" is tilted; its z axis must point up");
+    }
   }
+  return {std::move(spec), std::move(model)};
+}
+
+void recompile(mjSpec* spec, const std::vector<const models::Arm*>& arms, mjModel* model, mjData* data) {
+  // Where it does not compile mj_recompile() leaves neither model nor data: tried first, with a copy, since a spec knows
+  // from its last compilation where its state is.
+  const SpecPtr trial(mj_copySpec(spec));
+  if (!ModelPtr(mj_compile(trial.get(), nullptr))) throw std::runtime_error(one_line(mjs_getError(trial.get())));
+  if (mj_recompile(spec, nullptr, model, data) != 0) throw std::runtime_error(one_line(mjs_getError(spec)));
+  restore_inertia(model, arms);
+}
+
+ModelPtr with_meshes(const mjSpec* spec, std::size_t arms, const std::string& meshes) {
+  SpecPtr copy(mj_copySpec(spec));
+  if (!meshes.empty()) {
+    for (std::size_t i = 0; i < arms; ++i) add_meshes(copy.get(), arm_prefix(i, arms), meshes);
+  }
+  ModelPtr model(mj_compile(copy.get(), nullptr));
+  if (!model) throw std::runtime_error("the arm's meshes in " + meshes + ": " + one_line(mjs_getError(copy.get())));
   return model;
 }
 

@@ -21,7 +21,7 @@ TruthFile::TruthFile(const std::string& path, const World& world) : path_(path) 
     fields_ += "('" + name + "', '" + type + "'" +
                (count == 1 ? "" : ", (" + std::to_string(count) + ",)") + "), ";
   };
-  field("message_id", "<u8", 1);
+  field("cycle", "<u8", 1);
   field("moving", "<u8", 1);
   field("time", "<f8", 1);
   for (const char* name : {"q", "dq", "ddq", "tau_motor", "tau_J"}) field(name, "<f8", 7);
@@ -29,9 +29,11 @@ TruthFile::TruthFile(const std::string& path, const World& world) : path_(path) 
   field("finger_force", "<f8", 2);
   field("O_T_TCP", "<f8", 16);
   field("contact_wrench", "<f8", 6);
+  field("push", "<f8", 6);
   for (const std::string& name : world.objects()) field("object_" + name, "<f8", 7);
   objects_ = world.objects().size();
-  field("qpos", "<f8", world.qpos().size());
+  nq_ = world.qpos().size();
+  field("qpos", "<f8", nq_);
   write_header();
   std::fflush(file_);
 }
@@ -57,15 +59,15 @@ void TruthFile::write_header() {
   header_size_ = kPrefix + header.size();
 }
 
-void TruthFile::append(const World& world, std::uint64_t message_id, bool moving) {
+void TruthFile::append(const World& world, std::size_t arm, std::uint64_t cycle, bool moving) {
   const auto put = [this](const auto& values) { buffer_.insert(buffer_.end(), values.begin(), values.end()); };
   const auto put_integer = [this](std::uint64_t value) {
     double bits;
     std::memcpy(&bits, &value, sizeof bits);
     buffer_.push_back(bits);
   };
-  const Truth& truth = world.truth();
-  put_integer(message_id);
+  const Truth& truth = world.truth(arm);
+  put_integer(cycle);
   put_integer(moving);
   buffer_.push_back(truth.time);
   put(truth.q);
@@ -77,8 +79,9 @@ void TruthFile::append(const World& world, std::uint64_t message_id, bool moving
   put(truth.finger_force);
   put(truth.O_T_TCP);
   put(truth.contact_wrench);
-  for (std::size_t i = 0; i < objects_; ++i) put(world.object_pose(i));
-  put(world.qpos());
+  put(truth.push);
+  for (std::size_t i = 0; i < objects_; ++i) put(world.object_pose(i, arm));
+  put(world.qpos().first(nq_));
   if (++rows_ % kRowsPerFlush == 0) {
     flush();
     if (std::ferror(file_)) {

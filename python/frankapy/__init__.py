@@ -6,20 +6,38 @@ from frankapy.exceptions import (
     FrankaArmCommException,
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
-    FrankaArmNotBuiltError,
 )
 from frankapy.franka_arm import FrankaArm
+from frankapy.franka_arm_state_client import FrankaArmStateClient
 from frankapy.franka_constants import FrankaConstants
+from frankapy.franka_interface_common_definitions import (
+    FeedbackControllerType,
+    MetaSkillType,
+    SensorDataMessageType,
+    SkillStatus,
+    SkillType,
+    TerminationHandlerType,
+    TrajectoryGeneratorType,
+)
 from frankapy.rigid_transform import RigidTransform
+from frankapy.sensors import SensorPublisher
 
 __all__ = [
+    "FeedbackControllerType",
     "FrankaArm",
     "FrankaArmArgumentError",
     "FrankaArmBusyException",
     "FrankaArmCommException",
     "FrankaArmException",
     "FrankaArmFrankaInterfaceNotReadyException",
-    "FrankaArmNotBuiltError",
+    "FrankaArmStateClient",
     "FrankaConstants",
+    "MetaSkillType",
     "RigidTransform",
+    "SensorDataMessageType",
+    "SensorPublisher",
+    "SkillStatus",
+    "SkillType",
+    "TerminationHandlerType",
+    "TrajectoryGeneratorType",
 ]

@@ -1,4 +1,5 @@
-"""The command line: frankapy status, sim, doctor."""
+"""The command line: frankapy status, sim, compat, record, info, plot, replay, export, demonstrate,
+learn, imitate, latency, kinds, new, doctor."""
 
 from __future__ import annotations
 
@@ -8,15 +9,19 @@ import signal
 import sys
 import textwrap
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from frankapy import proto
+from frankapy import parts, proto
 from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE, Connection, list_arms, server_address
-from frankapy.exceptions import FrankaArmException
+from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
+from frankapy.recording import Recording
 from frankapy.utils import franka_pose_to_rigid_transform
 
+COMPAT = Path(__file__).resolve().parent / "compat"  # the folder that stands in for ROS
 _TITLES = {"fer": "FER (Panda)", "fr3": "FR3", "fr3v2": "FR3v2"}
 _PHASES = {
     proto.CONNECTING: "connecting",
@@ -53,15 +58,86 @@ def main(arguments: Sequence[str] | None = None) -> int:
     sim.add_argument(
         "--protocol", default="auto", choices=["auto", *map(str, range(5, 11))], help="version of the robot"
     )
-    sim.add_argument("--scene", help="MJCF file around the arms")
-    sim.add_argument("--truth", help="file for what really happens, every cycle (of the first arm)")
+    sim.add_argument("--scene", help="what stands around the arms: a name of sim/scenes, or an MJCF file")
+    sim.add_argument("--truth", help="FILE.npy for what really happens, every cycle; FILE.2.npy of the second arm")
+    sim.add_argument("--speed", type=float, default=1.0, help="of the robot's time over the wall's (default 1)")
     sim.add_argument("--ideal", action="store_true", help="no joint friction, no noise")
     sim.add_argument("--lockstep", action="store_true", help="as fast as this computer can")
     sim.add_argument("--listen", default="127.0.0.1", help="address of the server (default %(default)s)")
     sim.add_argument(
         "--port", type=int, default=DEFAULT_PORT, help="of the server (default %(default)s; 0: a free one)"
     )
+    sim.add_argument("--load", action="append", default=[], help="library of parts of your own; once for each")
+    sim.add_argument("--record", choices=["off", "errors", "skills", "always"], help="what the server records (default: errors)")
+    sim.add_argument("--recordings", type=Path, help="folder of its recordings")
     sim.add_argument("--verbose", action="store_true", help="show what the programs write")
+
+    add("compat", _compat, "show the folder that stands in for ROS: PYTHONPATH=$(frankapy compat) python SCRIPT")
+
+    record = add("record", _record, "record an arm, on its server's computer, until Ctrl-C")
+    add_server(record)
+    record.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    record.add_argument("--seconds", type=float, help="and no longer than this")
+
+    def add_file(name: str, run: object, text: str, file: str = "a recording") -> argparse.ArgumentParser:
+        command = add(name, run, text)
+        command.add_argument("file", type=Path, help=file)
+        return command
+
+    add_file("info", _info, "say what is in a recording")
+    plot = add_file("plot", _plot, "show a recording as a page: joints, torques, tool, forces, timing")
+    plot.add_argument("--save", type=Path, metavar="FILE", help="write it as .png, .pdf or .svg instead of showing it")
+    export = add_file("export", _export, "write the states of a recording as .csv or .parquet")
+    export.add_argument("to", type=Path, nargs="?", help="default: the recording's name, .parquet")
+    latency = add("latency", _latency, "measure the way between this computer, the server and the arm, and say if it is good enough")
+    add_server(latency)
+    latency.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    latency.add_argument("--hold", action="store_true", help="also hold the arm still under control for some seconds")
+
+    replay = add_file("replay", _replay, "let an arm do what it does in a recording")
+    add_server(replay)
+    replay.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    replay.add_argument("--speed", type=float, default=1.0, help="0.1 takes ten times as long (default 1)")
+
+    demonstrate = add_file("demonstrate", _demonstrate, "let somebody lead an arm by hand, until Ctrl-C, and write down what they do", "FILE.npz")
+    add_server(demonstrate)
+    demonstrate.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    demonstrate.add_argument("--seconds", type=float, default=600, help="and no longer than this (default 600)")
+
+    learn = add("learn", _learn, "learn a movement primitive from demonstrations (.npz, .mcap, or .pkl of old scripts)")
+    learn.add_argument("files", type=Path, nargs="+", help="demonstrations of one motion")
+    learn.add_argument("--output", "-o", type=Path, required=True, help="FILE.npz, or FILE.pkl for old scripts")
+    learn.add_argument("--kind", default="joint", choices=["joint", "position", "pose"], help="of the joints (default), or the tool")
+    learn.add_argument("--basis", type=int, default=25, help="functions (default 25)")
+    learn.add_argument("--smooth", type=float, default=0.05, help="s, of what is taken for tremor (default 0.05; 0: nothing)")
+    learn.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what was learned over what was shown")
+
+    imitate = add_file("imitate", _imitate, "let an arm do what it has learned, from where it began", "what `frankapy learn` wrote")
+    add_server(imitate)
+    imitate.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    imitate.add_argument("--duration", type=float, help="s (default: as it was shown)")
+    imitate.add_argument("--loops", type=int, default=1, help="how often (default 1)")
+
+    walls = add("walls", _walls, "list what an arm must not touch, add to it, or remove from it")
+    add_server(walls)
+    walls.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    change = walls.add_subparsers(dest="change", metavar="add|remove")
+    wall = change.add_parser("add", help="add a wall, or put it in the place of that name")
+    wall.add_argument("name")
+    wall.add_argument("shape", choices=list(_SHAPES))
+    wall.add_argument("size", type=float, nargs="*", help="m: box X Y Z, sphere RADIUS, cylinder and capsule RADIUS LENGTH; plane: none")
+    wall.add_argument("--at", type=float, nargs=3, default=[0, 0, 0], metavar=("X", "Y", "Z"), help="its middle, m (default 0 0 0)")
+    wall.add_argument("--normal", type=float, nargs=3, default=[0, 0, 1], metavar=("X", "Y", "Z"), help="of a plane (default 0 0 1)")
+    change.add_parser("remove", help="remove walls").add_argument("names", nargs="+", metavar="name")
+
+    kinds = add("kinds", _kinds, "list the parts that skills are made of, with their fields")
+    kinds.add_argument("role", nargs="?", choices=["trajectory", "controller", "termination"], help="only these")
+    kinds.add_argument("--fits", action="store_true", help="which trajectory fits which controller, and in which robot controllers")
+
+    new = add("new", _new, "begin a part of your own: a project with its C++ file, message, test and build file")
+    new.add_argument("role", choices=["controller", "trajectory", "termination"])
+    new.add_argument("name", help="in words such as spiral_search")
+    new.add_argument("--folder", type=Path, help="a new one (default: the name)")
 
     doctor = add("doctor", _doctor, "say what is wrong on this computer, and what to do")
     add_server(doctor)
@@ -78,6 +154,198 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `frankapy status | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+# --- recordings ------------------------------------------------------------------------------------------------------
+
+
+def _compat(options: argparse.Namespace) -> int:
+    print(COMPAT)
+    return 0
+
+
+def _record(options: argparse.Namespace) -> int:
+    from frankapy import FrankaArm
+
+    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        begun, told = time.monotonic(), ""
+        with fa.recording() as status:
+            try:
+                while options.seconds is None or time.monotonic() - begun < options.seconds:
+                    now = status()
+                    if now.file != told:
+                        told = now.file
+                        print(f"recording to {told} on the server's computer; Ctrl-C ends it", flush=True)
+                    if sys.stdout.isatty():
+                        print(f"\r{now.time:8.1f} s  {now.bytes / 1e6:8.1f} MB  {now.lost} lost ", end="", flush=True)
+                    time.sleep(0.2)
+            except KeyboardInterrupt:
+                pass
+        now = status()
+        print(f"{chr(10) if sys.stdout.isatty() else ''}{now.file}: {now.time:.1f} s, {now.states} states")
+    return 0
+
+
+def _info(options: argparse.Namespace) -> int:
+    _print_rows(options.file.name, Recording(options.file).summary())
+    return 0
+
+
+def _plot(options: argparse.Namespace) -> int:
+    recording = Recording(options.file)
+    try:
+        figure = recording.plot()
+    except ImportError:
+        raise FrankaArmException("Pictures need matplotlib: pip install 'frankapy[recordings]'") from None
+    if options.save:
+        if options.save.suffix not in (".png", ".pdf", ".svg"):
+            raise FrankaArmException(f"--save {options.save}: expected a name that ends in .png, .pdf or .svg")
+        figure.savefig(options.save, dpi=110)
+        print(options.save)
+        return 0
+    import matplotlib.pyplot as plt
+
+    if plt.get_backend().lower() == "agg":
+        raise FrankaArmException("There is no screen to show it on: write it to a file with --save FILE.png")
+    manager = plt.figure().canvas.manager
+    manager.canvas.figure = figure
+    figure.set_canvas(manager.canvas)
+    plt.show()
+    return 0
+
+
+def _export(options: argparse.Namespace) -> int:
+    print(Recording(options.file).export(options.to or options.file.with_suffix(".parquet")))
+    return 0
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from frankapy import FrankaArm
+
+    path = Recording(options.file).motion()
+    most = 100_000  # samples of one skill
+    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        fa.speed = options.speed
+        print(f"{len(path) / 1000 / options.speed:.1f} s of motion, after the way to where it begins")
+        fa.goto_joints(path[0], ignore_virtual_walls=True)
+        with fa.sequence():
+            for first in range(0, len(path), most):
+                fa.run(parts.JointSamples(path[first : first + most]), skill_desc=f"replay of {options.file.name}")
+    return 0
+
+
+# --- imitation -------------------------------------------------------------------------------------------------------
+
+
+def _demonstrate(options: argparse.Namespace) -> int:
+    from frankapy import FrankaArm
+
+    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        print("Lead the arm; Ctrl-C ends it.", file=sys.stderr)
+        demonstration = fa.demonstrate(options.seconds)
+    demonstration.save(options.file)
+    print(f"{options.file}: {demonstration!r}")
+    return 0
+
+
+def _learn(options: argparse.Namespace) -> int:
+    from frankapy import dmp
+    from frankapy.demonstration import Demonstration
+
+    demonstrations = [Demonstration.load(file).trimmed() for file in options.files]
+    if options.smooth > 0:
+        demonstrations = [demonstration.smooth(options.smooth) for demonstration in demonstrations]
+    primitive = dmp.fit(demonstrations, options.kind, basis=options.basis)
+    primitive.save(options.output)
+    print(f"{options.output}: {primitive!r}")
+    if options.plot:
+        primitive.plot(demonstrations).savefig(options.plot, dpi=120)
+    return 0
+
+
+def _imitate(options: argparse.Namespace) -> int:
+    from frankapy import FrankaArm, RigidTransform
+    from frankapy.dmp import Primitive
+
+    primitive = Primitive.load(options.file)
+    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        for _ in range(options.loops):
+            if primitive.kind == "joint":
+                fa.goto_joints(primitive.start, ignore_virtual_walls=True)
+            else:
+                pose = fa.get_pose(include_tool_offset=False)
+                if primitive.start_orientation is not None:
+                    pose.rotation = RigidTransform.rotation_from_quaternion(primitive.start_orientation)
+                pose.translation = primitive.start
+                fa.run(parts.MinJerkPose(pose, 4), parts.InternalImpedance())
+            for line in primitive.beyond(fa, options.duration):
+                print(f"slower, or not at all: {line}", file=sys.stderr)
+            fa.run(primitive.part(options.duration), parts.InternalImpedance(), skill_desc=f"imitation of {options.file.name}")
+    return 0
+
+
+# --- kinds -----------------------------------------------------------------------------------------------------------
+
+
+def _kinds(options: argparse.Namespace) -> int:
+    last = None
+    for kind in parts.describe(options.role):
+        if kind.role != last:
+            print(kind.role if last is None else f"\n{kind.role}")
+            last = kind.role
+        print(textwrap.indent(str(kind), "  "))
+        if options.fits:
+            for other, robot_controllers in kind.fits.items():
+                print(f"    with {other:25}{', '.join(robot_controllers)}".rstrip())
+    return 0
+
+
+# --- walls -----------------------------------------------------------------------------------------------------------
+
+_SHAPES = {"plane": 0, "box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}  # and how many lengths each has
+
+
+def _walls(options: argparse.Namespace) -> int:
+    from frankapy import FrankaArm, walls
+
+    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        if options.change == "add":
+            if len(options.size) != _SHAPES[options.shape]:
+                raise FrankaArmArgumentError(f"{options.shape} has {_SHAPES[options.shape]} lengths, and not {len(options.size)}")
+            if options.shape == "plane":
+                wall = walls.Plane(options.normal, options.at)
+            elif options.shape == "box":
+                wall = walls.Box(options.size, options.at)
+            else:
+                wall = getattr(walls, options.shape.capitalize())(*options.size, options.at)
+            fa.walls.add(options.name, wall)
+        elif options.change == "remove":
+            fa.walls.remove(*options.names)
+        rows = []
+        for name, wall in fa.walls.items():
+            shape = wall.WhichOneof("shape")
+            size = [value for _, value in getattr(wall, shape).ListFields()]
+            lengths = " x ".join(f"{x:g}" for x in np.hstack([*size, []]))
+            place = ", ".join(f"{x:g}" for x in wall.position)
+            rows.append((name, f"{shape} {lengths} at {place} m{', held' * wall.held}{', fixed' * wall.fixed}"))
+        _print_rows("walls" if rows else "no walls", rows)
+    return 0
+
+
+# --- new -------------------------------------------------------------------------------------------------------------
+
+
+def _new(options: argparse.Namespace) -> int:
+    from frankapy.new_part import package_folder, write_project
+
+    folder = options.folder or Path(options.name)
+    for path in write_project(options.role, options.name, folder):
+        print(path)
+    print("\nBuild and test it:")
+    print(f"    cd {folder}\n    cmake -S . -B build -Dfranka-interface_DIR={package_folder()}")
+    print("    cmake --build build\n    ctest --test-dir build")
+    print("README.md there says how to load and to run it.")
+    return 0
 
 
 # --- status ----------------------------------------------------------------------------------------------------------
@@ -166,21 +434,21 @@ def _sim(options: argparse.Namespace) -> int:
     from frankapy.sim import SimulatedArm, Simulation
 
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    arms = [
-        SimulatedArm(
-            robot=robot,
-            protocol=options.protocol,
-            lockstep=options.lockstep,
-            ideal=options.ideal,
-            scene=options.scene,
-            truth=options.truth if i == 0 else None,
-        )
-        for i, robot in enumerate(options.robot or ["fr3"])
-    ]
+    robots = options.robot or ["fr3"]
+    arms = SimulatedArm(
+        robot=",".join(robots),
+        protocol=options.protocol,
+        lockstep=options.lockstep,
+        ideal=options.ideal,
+        speed=options.speed,
+        scene=options.scene,
+        truth=options.truth,
+    )
     log = sys.stderr if options.verbose else None
-    with Simulation(*arms, listen=options.listen, port=options.port, log=log) as simulation:
-        for number, (arm, address) in enumerate(zip(arms, simulation.addresses, strict=True), 1):
-            print(f"arm {number}: simulated {_TITLES[arm.robot]} at {address}")
+    with Simulation(arms, listen=options.listen, port=options.port, load=options.load,
+                    record=options.record, recordings=options.recordings, log=log) as simulation:
+        for i, address in enumerate(simulation.addresses):
+            print(f"arm {i + 1}: simulated {_TITLES[robots[i % len(robots)]]} at {address}")
         server = simulation.server
         print(f"server: {server}")
         print()
@@ -200,33 +468,42 @@ def _sim(options: argparse.Namespace) -> int:
     return 0
 
 
+# --- latency ---------------------------------------------------------------------------------------------------------
+
+
+def _latency(options: argparse.Namespace) -> int:
+    from frankapy import FrankaArm, latency
+
+    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        return _tell(latency.measure(fa, options.hold))
+
+
 # --- doctor ----------------------------------------------------------------------------------------------------------
 
 
 def _doctor(options: argparse.Namespace) -> int:
     from frankapy import doctor
 
-    marks = {
-        doctor.OK: ("ok  ", "32"),
-        doctor.NOTE: ("--  ", "2"),
-        doctor.WARN: ("warn", "33"),
-        doctor.BAD: ("BAD ", "31"),
-    }
+    return _tell(doctor.examine(options.server, options.robot))
+
+
+def _tell(findings: Iterable[Finding]) -> int:
+    marks = {OK: ("ok  ", "32"), NOTE: ("--  ", "2"), WARN: ("warn", "33"), BAD: ("BAD ", "31")}
     counts = dict.fromkeys(marks, 0)
-    for finding in doctor.examine(options.server, options.robot):
+    for finding in findings:
         counts[finding.level] += 1
         mark, color = marks[finding.level]
-        print(f"{_colored(mark, color)}  {finding.what:18}{finding.found}")
+        print(f"{_colored(mark, color)}  {finding.what:18}{finding.found}", flush=True)
         if finding.advice:
             print(textwrap.indent(_filled(finding.advice), " " * 8))
     print()
-    if counts[doctor.BAD]:
-        print(f"BAD: {counts[doctor.BAD]} to put right.")
-    if counts[doctor.WARN]:
-        print(f"warn: {counts[doctor.WARN]} to put right before you use a real arm; a simulated one does not mind.")
-    if not counts[doctor.BAD] and not counts[doctor.WARN]:
+    if counts[BAD]:
+        print(f"BAD: {counts[BAD]} to put right.")
+    if counts[WARN]:
+        print(f"warn: {counts[WARN]} to put right before you use a real arm; a simulated one does not mind.")
+    if not counts[BAD] and not counts[WARN]:
         print("Nothing is wrong.")
-    return 1 if counts[doctor.BAD] else 0
+    return 1 if counts[BAD] else 0
 
 
 def _filled(text: str) -> str:

@@ -8,6 +8,7 @@ is doing.
 from __future__ import annotations
 
 import collections
+import functools
 import getpass
 import itertools
 import os
@@ -15,6 +16,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 
 import zmq
 from google.protobuf.message import DecodeError
@@ -35,6 +37,8 @@ DEFAULT_SERVER = f"127.0.0.1:{DEFAULT_PORT}"
 _ALIVE_PERIOD = 0.2  # s; the server frees the lease of a client that is silent for much longer
 _SILENCE = 3.0  # s without an answer after which the server is taken for gone
 _START_TIME = 10.0  # s that an arm's process may need to be ready
+_CLOCK_QUESTIONS = 10
+_END_TIME = 1.0  # s that the supervisor may need to say how an arm's process ended
 
 _EXCEPTIONS = {
     proto.Error.INVALID_ARGUMENT: FrankaArmArgumentError,
@@ -97,7 +101,18 @@ def list_arms(server: str | None = None) -> list[proto.Arms.Arm]:
     arms = list(reply.arms.arms)
     for arm in arms:
         arm.endpoint = reachable(arm.endpoint, host)
+        arm.state_endpoint = reachable(arm.state_endpoint, host)
+        arm.sensor_endpoint = reachable(arm.sensor_endpoint, host)
     return arms
+
+
+def find_arm(server: str | None, robot_num: int) -> proto.Arms.Arm:
+    """Return the arm of that number, from 1; raises as `list_arms`, FrankaArmArgumentError when there is none."""
+    arms = list_arms(server)
+    if not 1 <= robot_num <= len(arms):
+        there = ", ".join(f"{i} ({arm.name})" for i, arm in enumerate(arms, 1)) or "none"
+        raise FrankaArmArgumentError(f"robot_num is {robot_num}: the arms of the server are {there}")
+    return arms[robot_num - 1]
 
 
 def check_version(theirs: int, where: str) -> None:
@@ -191,8 +206,9 @@ class Call:
 class _Channel:
     """The socket to one arm's process, and its thread. Ends for good when the server is gone."""
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, how_it_ended: Callable[[], str]) -> None:
         self.endpoint = endpoint
+        self._how_it_ended = how_it_ended
         self.lost: str | None = None  # why, once it is
         self._ids = itertools.count(1)
         self._outgoing: collections.deque[Call | None] = collections.deque()
@@ -261,7 +277,7 @@ class _Channel:
                     dealer.send(proto.Request(request_id=0, goodbye=proto.Goodbye()).SerializeToString())
                     reason = "This connection was closed."
                     break
-                commands = commands or call.request.WhichOneof("call") in ("start_skill", "gripper", "recover")
+                commands = commands or call.request.WhichOneof("call") in ("start_skill", "change_skill", "gripper", "recover")
                 transmit(call)
             while dealer.poll(0):
                 reply = _parse_reply(dealer.recv())
@@ -275,8 +291,12 @@ class _Channel:
                 if call is not None and call.answer(reply):
                     del pending[reply.request_id]
             if monitor in ready and not reason:
+                how = self._how_it_ended()
                 reason = (
-                    f"The arm's process at {self.endpoint} has ended. Is the server still there? `frankapy status` "
+                    f"The arm's process at {self.endpoint} {how}; it is started again within 2 s. The server's log may say "
+                    f"more."
+                    if how
+                    else f"The arm's process at {self.endpoint} has ended. Is the server still there? `frankapy status` "
                     f"tells; an arm's process that crashed is started again within 2 s."
                 )
             now = time.monotonic()
@@ -358,6 +378,22 @@ class Connection:
         if not self._closed and self._pid == os.getpid():
             self._channel.send(proto.Request(stop_skill=proto.StopSkill()))
 
+    @functools.cached_property
+    def clock_difference(self) -> tuple[float, float]:
+        """What the clock of the server's computer is before that of this one, and how uncertain that is, s.
+
+        The answer whose way was the shortest tells: it was given at some time between request and arrival.
+        """
+        estimates = []
+        for _ in range(_CLOCK_QUESTIONS):
+            sent = time.time()
+            state = self.ask(proto.Request(get_state=proto.GetState())).state
+            back = time.time()
+            theirs = state.time_ns * 1e-9 + state.age
+            estimates.append(((back - sent) / 2, theirs - (sent + back) / 2))
+        uncertain, difference = min(estimates)
+        return difference, uncertain
+
     def close(self) -> None:
         """Say Goodbye, which frees the arm for others."""
         if not self._closed and self._pid == os.getpid():
@@ -367,10 +403,10 @@ class Connection:
     def _open(self) -> _Channel:
         deadline = time.monotonic() + _START_TIME
         while True:
-            arm = self._find_arm()
+            arm = find_arm(self._server, self._robot_num)
             reason = arm.status or "it is starting"
             if arm.endpoint:
-                channel = _Channel(arm.endpoint)
+                channel = _Channel(arm.endpoint, functools.partial(self._how_it_ended, arm.starts))
                 try:
                     self.welcome = self._hello(channel)
                     return channel
@@ -386,12 +422,18 @@ class Connection:
                 )
             time.sleep(0.1)
 
-    def _find_arm(self) -> proto.Arms.Arm:
-        arms = list_arms(self._server)
-        if not 1 <= self._robot_num <= len(arms):
-            there = ", ".join(f"{i} ({arm.name})" for i, arm in enumerate(arms, 1)) or "none"
-            raise FrankaArmArgumentError(f"robot_num is {self._robot_num}: the arms of the server are {there}")
-        return arms[self._robot_num - 1]
+    def _how_it_ended(self, starts: int) -> str:
+        """Ask the supervisor how the arm's process that was started for the `starts`-th time ended; empty: nobody knows."""
+        deadline = time.monotonic() + _END_TIME
+        while time.monotonic() < deadline:
+            try:
+                arm = find_arm(self._server, self._robot_num)
+            except FrankaArmException:
+                break
+            if arm.starts != starts or not arm.endpoint:
+                return arm.ended
+            time.sleep(0.02)
+        return ""
 
     @staticmethod
     def _hello(channel: _Channel) -> proto.Welcome:

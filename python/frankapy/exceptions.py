@@ -28,7 +28,3 @@ class FrankaArmBusyException(FrankaArmException):
 
 class FrankaArmArgumentError(FrankaArmException, ValueError):
     """What was asked cannot be: sizes, values, frames, unreachable goals. Nothing has moved."""
-
-
-class FrankaArmNotBuiltError(FrankaArmException, NotImplementedError):
-    """An argument of the published interface that this version does not know how to serve yet."""

@@ -2,52 +2,101 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
+import os
 import signal
 import threading
 import time
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import FrameType, TracebackType
 from typing import Any
 
 import numpy as np
 from google.protobuf.message import Message
 
-from frankapy import kinematics, proto
+from frankapy import collision_boxes, dmp, kinematics, proto
 from frankapy.connection import Call, Connection
+from frankapy.demonstration import Demonstration
 from frankapy.exceptions import (
     FrankaArmArgumentError,
     FrankaArmCommException,
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
-    FrankaArmNotBuiltError,
 )
 from frankapy.franka_constants import FrankaConstants as FC
+from frankapy.parts import Kind, describe
+from frankapy.progress import progress
+from frankapy.proto_utils import messages_of
 from frankapy.rigid_transform import RigidTransform
+from frankapy.ros_messages import SensorDataGroup
+from frankapy.ros_utils import BoxesPublisher
+from frankapy.sensors import SensorPublisher
 from frankapy.skill import make_skill
-from frankapy.states import StateStream
+from frankapy.states import NewestState, StateStream
 from frankapy.utils import franka_pose_to_rigid_transform
-from frankapy.validation import number, validate, vector
+from frankapy.validation import number, numbers, validate, vector
+from frankapy.walls import Walls
 
 logger = logging.getLogger("frankapy")
 
 _TOOL, _TOOL_BASE, _WORLD = "franka_tool", "franka_tool_base", "world"
 _STRETCH_WORTH_A_WORD = 1.01
+_MAX_BLEND = 10.0  # s
+_SENSOR_TOPIC = FC.DEFAULT_SENSOR_PUBLISHER_TOPIC
+_QUATERNION_TYPED = 0.05  # by which the norm of one that was typed in may differ from 1
+_NEW = 0.003  # s, of a published state that counts as now
+_SOON = 0.05  # s, between reads for which states are listened to
+_RECORDING_TIME = 5.0  # s for the server to begin or to end a file
+_CARTESIAN_MODES = (3, 4)  # of ArmState.robot.motion_generator_mode: pose and velocity
+_COROUTINE_TICK = 0.002  # s
+_LONG, _TICK = 2.0, 0.1  # s: of a motion with a progress bar, between looks at it
 _STOP_TIME = 3.0  # s after which an interrupted call no longer waits for the arm to rest
 
 # What an ended skill may look like without anything being wrong.
 _GOOD_ENDINGS = (proto.TERMINATED, proto.STOPPED, proto.PREEMPTED)
 
 
+def _unpacked(part: Any) -> Message:
+    message: Message = getattr(proto, part.TypeName().rsplit(".", 1)[-1])()
+    part.Unpack(message)
+    return message
+
+
+def _any_of(until: Message | Sequence[Message]) -> list[Message]:
+    """Return terminations as the server takes them: any of them."""
+    terminations: list[Message] = []
+    for end in [until] if isinstance(until, Message) else list(until):
+        if isinstance(end, proto.AnyOf):
+            terminations += [_unpacked(part) for part in end.of]
+        else:
+            terminations.append(end)
+    return terminations
+
+
 class _Motion:
     """A skill of this client which the server has taken."""
 
-    def __init__(self, call: Call, description: str) -> None:
+    def __init__(self, call: Call, description: str, duration: float) -> None:
         self.call = call
         self.description = description
+        self.duration = duration  # s, that was asked for
         self.handled = False
+
+    @property
+    def id(self) -> int:
+        """Its number at the server."""
+        return int(self.call.first().skill_started.skill_id)
+
+
+class _Sequence:
+    """Motions that wait for each other, each with whether its errors are ignored."""
+
+    def __init__(self, blend: float) -> None:
+        self.blend = blend
+        self.motions: list[tuple[_Motion, bool]] = []
 
 
 class FrankaArm:
@@ -93,11 +142,17 @@ class FrankaArm:
         self._offline = bool(offline)
         self._with_gripper = bool(with_gripper)
         self._tool_delta_pose = RigidTransform(np.eye(3), np.zeros(3), from_frame=_TOOL, to_frame=_TOOL_BASE)
+        self._speed = 1.0
         self._motion: _Motion | None = None
+        self._sequence: _Sequence | None = None  # that is being made
         self._gripping: Call | None = None
         self._lock = threading.Lock()
         self._last_result = proto.SkillResult()
         self._connection: Connection | None = None
+        self._newest: tuple[int, str, NewestState] | None = None  # of this process, at this endpoint
+        self._read_time = -math.inf  # of the last read
+        self._sensors: SensorPublisher | None = None
+        self._server_name, self._robot_num = server, robot_num
         if self._offline:
             logger.warning("FrankaArm is offline: reads give zeros, and nothing moves.")
             return
@@ -106,8 +161,15 @@ class FrankaArm:
         _stop_on_interrupt(self)
         self._wait_for_phase(lambda phase: phase != proto.CONNECTING, FC.DEFAULT_FRANKA_INTERFACE_TIMEOUT)
 
+    def __repr__(self) -> str:
+        if self._connection is None:
+            return "FrankaArm(offline)"
+        welcome = self._connection.welcome
+        return f"FrankaArm({welcome.arm}: {welcome.model.upper()} at {welcome.address}, protocol version {welcome.protocol_version})"
+
     def close(self) -> None:
         """Leave the arm to others. A skill that still runs goes on to its own end."""
+        self._stop_listening()
         if self._connection is not None:
             self._connection.close()
 
@@ -118,6 +180,30 @@ class FrankaArm:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    # --- speed ---------------------------------------------------------------------------------------------------
+
+    @property
+    def speed(self) -> float:
+        """Of the clock of all motions that are called for from now on, 0.01 to 1: at 0.2 each takes five times as long.
+
+        Terminations that name a time of the skill, as `Time(4)`, keep theirs.
+        """
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        speed = number("speed", speed)
+        validate(proto.Skill(speed=speed))
+        self._speed = speed
+
+    def set_speed(self, speed: float) -> None:
+        """Set `speed`."""
+        self.speed = speed
+
+    def get_speed(self, speed: Any = None) -> float:
+        """Return `speed`; what is given means nothing."""
+        return self.speed
 
     # --- waiting and stopping ------------------------------------------------------------------------------------
 
@@ -133,7 +219,7 @@ class FrankaArm:
         reason = ""
         while True:
             try:
-                phase = self.get_arm_state().phase
+                phase = self._asked_state().phase
                 if phase == proto.ERROR:
                     self._server.ask(proto.Request(recover=proto.Recover()))
                 elif phase not in (proto.CONNECTING, proto.RECOVERING):
@@ -150,6 +236,34 @@ class FrankaArm:
         motion = self._motion
         if motion is not None:
             self._wait(motion, ignore_errors=True)
+
+    async def finished(self, ignore_errors: bool = False) -> proto.SkillResult:
+        """Wait in a coroutine for the end of the skill that was last sent; return its result.
+
+        Where the coroutine is cancelled the arm is stopped. Raises FrankaArmException for a skill that failed, where errors are
+        not ignored.
+
+        Example:
+            >>> import asyncio
+            >>> async def there_and_back():
+            ...     fa.goto_joints([0, -0.7, 0, -2.3, 0, 1.6, 0.8], duration=1, block=False)
+            ...     print((await fa.finished()).time)
+            >>> asyncio.run(there_and_back())
+        """
+        import asyncio  # which takes its time
+
+        motion = self._motion
+        if motion is not None:
+            try:
+                while motion.call.last(timeout=0) is None:
+                    await asyncio.sleep(_COROUTINE_TICK)
+            except asyncio.CancelledError:
+                self._server.send(proto.Request(stop_skill=proto.StopSkill()))
+                raise
+            except FrankaArmException:
+                pass  # found again below
+            await asyncio.to_thread(self._finish, motion, ignore_errors)
+        return self._last_result
 
     def is_skill_done(self, ignore_errors: bool = True) -> bool:
         """Return whether the skill that was last sent has ended; True when there is none.
@@ -208,10 +322,15 @@ class FrankaArm:
             joints: goal, rad, (7,).
             duration: s; a motion that is too fast for the arm takes longer.
             use_impedance: False: the robot's own joint impedance holds the arm to the curve. True: the server's.
-            dynamic: not built yet.
+            dynamic: go where messages lead that are published over FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC while
+                this runs: JointPositionSensorMessage, JointChunk and the like (see `publisher`). The goal is checked, and then
+                not gone to; the skill is not waited for, and ends after `duration` and `buffer_time`, or by a
+                ShouldTerminateSensorMessage.
             buffer_time: s after the end of the curve at which the skill ends in any case.
-            force_thresholds: not built yet.
-            torque_thresholds: not built yet.
+            force_thresholds: external forces and torques on the tool, N and N m (6,), above which the robot calls it
+                contact and the motion ends where it is. Then the goal being reached no longer ends it: `duration` and
+                `buffer_time` do.
+            torque_thresholds: external torques of the joints, N m (7,), as force_thresholds; contact of the tool ends it.
             cartesian_impedances: of the robot's own controller, 3 N/m and 3 Nm/rad; without `use_impedance`.
             joint_impedances: of the robot's own controller, Nm/rad, (7,); without `use_impedance`.
             k_gains: stiffness of the server's controller, Nm/rad, (7,); with `use_impedance`.
@@ -224,24 +343,19 @@ class FrankaArm:
         Example:
             >>> fa.goto_joints([0, -0.785, 0, -2.356, 0, 1.571, 0.6], duration=2)
         """
-        self._refuse_not_built(dynamic, force_thresholds, torque_thresholds)
         joints = vector("joints", joints, 7)
         self._check_reachable(joints)
         if not ignore_virtual_walls:
             self._check_walls(kinematics.link_frames(joints)[1:, :3, 3], "goto_joints would bring the arm to")
-        if use_impedance:
-            _warn_of_unused("use_impedance=True", "the robot's own controller", joint_impedances=joint_impedances,
-                            cartesian_impedances=cartesian_impedances)  # fmt: skip
-            controller = proto.JointImpedance(
-                stiffness=_given("k_gains", k_gains, 7), damping=_given("d_gains", d_gains, 7)
-            )
-        else:
-            _warn_of_unused("use_impedance=False", "the server's controller", k_gains=k_gains, d_gains=d_gains)
-            controller = _internal_impedance(cartesian_impedances, joint_impedances)
+        if dynamic:
+            controller = _joint_controller(True, cartesian_impedances, joint_impedances, k_gains, d_gains)
+            ends = _stream_ends(duration, buffer_time, force_thresholds, torque_thresholds)
+            self._run(proto.StreamJoint(topic=_SENSOR_TOPIC), controller, ends, skill_desc, False, ignore_errors, speed=1)
+            return
         self._run(
             proto.MinJerkJoint(q=joints, duration=number("duration", duration)),
-            controller,
-            [proto.FinalJoint(), _time_after(buffer_time)],
+            _joint_controller(use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains),
+            [_end(proto.FinalJoint(), force_thresholds, torque_thresholds), _time_after(buffer_time)],
             skill_desc,
             block,
             ignore_errors,
@@ -273,10 +387,15 @@ class FrankaArm:
             duration: s; a motion that is too fast for the arm takes longer.
             use_impedance: True: a spring between tool and curve, 600 N/m and 50 Nm/rad, by the server. False: the
                 robot's own impedance control.
-            dynamic: not built yet.
+            dynamic: go where messages lead that are published over FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC while
+                this runs: PosePositionSensorMessage of the tool base, PoseChunk and the like (see `publisher`);
+                CartesianImpedanceSensorMessage sets the spring anew. The goal is checked, and then not gone to; the skill
+                is not waited for, and ends after `duration` and `buffer_time`, or by a ShouldTerminateSensorMessage.
             buffer_time: s.
-            force_thresholds: not built yet.
-            torque_thresholds: not built yet.
+            force_thresholds: external forces and torques on the tool, N and N m (6,), above which the robot calls it
+                contact and the motion ends where it is. Then the goal being reached no longer ends it: `duration` and
+                `buffer_time` do.
+            torque_thresholds: external torques of the joints, N m (7,), as force_thresholds; contact of the tool ends it.
             cartesian_impedances: 3 N/m and 3 Nm/rad, of whichever controller.
             joint_impedances: of the robot's own controller, Nm/rad, (7,); without `use_impedance`; goes before
                 `cartesian_impedances`.
@@ -290,17 +409,22 @@ class FrankaArm:
             >>> pose.translation[0] += 0.05
             >>> fa.goto_pose(pose, duration=2)
         """
-        self._refuse_not_built(dynamic, force_thresholds, torque_thresholds)
         _check_pose("tool_pose", tool_pose, (_TOOL, _WORLD))
         goal = tool_pose.matrix @ self._tool_delta_pose.inverse().matrix
         if not ignore_virtual_walls:
             self._check_walls(goal[None, :3, 3], "goto_pose would bring the tool base to")
+        if dynamic:
+            controller = _pose_controller(True, cartesian_impedances, joint_impedances)
+            controller.topic = _SENSOR_TOPIC
+            ends = _stream_ends(duration, buffer_time, force_thresholds, torque_thresholds)
+            self._run(proto.StreamPose(topic=_SENSOR_TOPIC), controller, ends, skill_desc, False, ignore_errors, speed=1)
+            return
         self._run(
             proto.MinJerkPose(
                 position=goal[:3, 3], quaternion=_quaternion(goal), duration=number("duration", duration)
             ),
             _pose_controller(use_impedance, cartesian_impedances, joint_impedances),
-            [proto.FinalPose(), _time_after(buffer_time)],
+            [_end(proto.FinalPose(), force_thresholds, torque_thresholds), _time_after(buffer_time)],
             skill_desc,
             block,
             ignore_errors,
@@ -335,7 +459,6 @@ class FrankaArm:
             >>> delta = RigidTransform(translation=[0, 0, 0.03], from_frame='franka_tool', to_frame='franka_tool')
             >>> fa.goto_pose_delta(delta, duration=1)
         """
-        self._refuse_not_built(False, force_thresholds, torque_thresholds)
         _check_pose("delta_tool_pose", delta_tool_pose, (_TOOL, _TOOL), (_WORLD, _WORLD))
         delta = delta_tool_pose.matrix
         in_tool = delta_tool_pose.from_frame == _TOOL
@@ -355,7 +478,7 @@ class FrankaArm:
                 duration=number("duration", duration),
             ),
             _pose_controller(use_impedance, cartesian_impedances, joint_impedances),
-            [proto.FinalPose(), _time_after(buffer_time)],
+            [_end(proto.FinalPose(), force_thresholds, torque_thresholds), _time_after(buffer_time)],
             skill_desc,
             block,
             ignore_errors,
@@ -374,6 +497,775 @@ class FrankaArm:
     ) -> None:
         """Move to FrankaConstants.HOME_POSE, as `goto_pose` does."""
         self.goto_pose(FC.HOME_POSE, duration=duration, block=block, ignore_errors=ignore_errors, skill_desc=skill_desc)
+
+    def execute_joint_dmp(
+        self,
+        joint_dmp_info: Mapping[str, Any],
+        duration: float,
+        initial_sensor_values: Any = None,
+        use_impedance: bool = False,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        cartesian_impedances: Sequence[float] | None = None,
+        joint_impedances: Sequence[float] | None = None,
+        k_gains: Sequence[float] | None = None,
+        d_gains: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        skill_desc: str = "JointDmp",
+    ) -> None:
+        """Move the joints along a dynamic movement primitive from where they are.
+
+        Returns `buffer_time` after its end, or at a contact (with `block=False` when the server has taken the skill). A
+        motion that is too fast for the arm takes longer; one that leaves the joints' range is refused.
+
+        Args:
+            joint_dmp_info: tau (1/s), alpha, beta, num_basis, num_sensors, mu and h (num_basis each), and weights, in any
+                shape: of each joint, in it of each sensor, in it of each basis function, of which the first is a
+                minimum-jerk rise in 1/(2 tau) seconds.
+            duration: s, up to 120.
+            initial_sensor_values: num_sensors; None: ones.
+
+        The other arguments are those of `goto_joints`.
+
+        Example:
+            >>> import numpy as np
+            >>> weights = np.zeros((7, 1, 2))
+            >>> weights[0, 0, 0] = 0.2
+            >>> dmp = dict(tau=0.25, alpha=60, beta=15, num_basis=2, num_sensors=1, mu=[1, 0.8], h=[50, 50], weights=weights)
+            >>> fa.execute_joint_dmp(dmp, duration=3)
+        """
+        self._run(
+            proto.JointDmp(
+                **_dmp("joint_dmp_info", joint_dmp_info, 7),
+                initial_sensor_values=_sensor_values(initial_sensor_values, joint_dmp_info, 1),
+                duration=number("duration", duration),
+            ),
+            _joint_controller(use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains),
+            [_time_after(buffer_time), *_contact(force_thresholds, torque_thresholds)],
+            skill_desc,
+            block,
+            ignore_errors,
+        )
+
+    def execute_pose_dmp(
+        self,
+        pose_dmp_info: Mapping[str, Any],
+        duration: float,
+        use_goal_formulation: bool = False,
+        initial_sensor_values: Any = None,
+        orientation_only: bool = False,
+        position_only: bool = False,
+        ee_frame: bool = False,
+        use_impedance: bool = True,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        cartesian_impedances: Sequence[float] | None = None,
+        joint_impedances: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        skill_desc: str = "PoseDmp",
+    ) -> None:
+        """Move the end effector along a dynamic movement primitive from where it is.
+
+        Its dimensions are x, y and z in the base frame (m), and the intrinsic XYZ Euler angles (rad). Returns as
+        `execute_joint_dmp`.
+
+        Args:
+            pose_dmp_info: as of `execute_joint_dmp`, of six dimensions, or three.
+            duration: s, up to 120.
+            use_goal_formulation: the first basis function is 1 from the beginning, instead of rising.
+            initial_sensor_values: of each dimension num_sensors; None: ones.
+            orientation_only: of the three Euler angles alone.
+            position_only: of x, y and z alone.
+            ee_frame: x, y and z are along the axes that the end effector has at the start.
+
+        The other arguments are those of `goto_pose`.
+        """
+        dimensions = 3 if orientation_only or position_only else 6
+        kind = proto.GoalPoseDmp if use_goal_formulation else proto.PoseDmp
+        self._run(
+            kind(
+                **_dmp("pose_dmp_info", pose_dmp_info, dimensions),
+                initial_sensor_values=_sensor_values(initial_sensor_values, pose_dmp_info, dimensions),
+                duration=number("duration", duration),
+                position_only=bool(position_only),
+                orientation_only=bool(orientation_only),
+                ee_frame=bool(ee_frame),
+            ),
+            _pose_controller(use_impedance, cartesian_impedances, joint_impedances),
+            [_time_after(buffer_time), *_contact(force_thresholds, torque_thresholds)],
+            skill_desc,
+            block,
+            ignore_errors,
+        )
+
+    def execute_quaternion_pose_dmp(
+        self,
+        position_dmp_info: Mapping[str, Any],
+        quat_dmp_info: Mapping[str, Any],
+        duration: float,
+        goal_quat: Sequence[float],
+        goal_quat_time: float,
+        use_goal_formulation: bool = False,
+        initial_sensor_values: Any = None,
+        ee_frame: bool = False,
+        use_impedance: bool = True,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        cartesian_impedances: Sequence[float] | None = None,
+        joint_impedances: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        skill_desc: str = "QuaternionPoseDmp",
+    ) -> None:
+        """Move the end effector along a movement primitive of its position, and one of its orientation that has a goal.
+
+        Returns as `execute_joint_dmp`.
+
+        Args:
+            position_dmp_info: as of `execute_joint_dmp`, of x, y and z.
+            quat_dmp_info: the same keys; all basis functions are Gaussians there, weights are for the axes of the base,
+                and tau is not used.
+            duration: s, up to 120.
+            goal_quat: w, x, y, z in the base frame.
+            goal_quat_time: s that it takes to the goal, less than `duration`.
+            use_goal_formulation: means nothing here.
+            initial_sensor_values: of the position, of each dimension num_sensors; None: ones.
+            ee_frame: x, y and z are along the axes that the end effector has at the start.
+
+        The other arguments are those of `goto_pose`.
+        """
+        goal = vector("goal_quat", goal_quat, 4)
+        norm = float(np.linalg.norm(goal))
+        if abs(norm - 1) > _QUATERNION_TYPED:
+            raise FrankaArmArgumentError(f"goal_quat has the norm {norm:.6g}: expected w, x, y, z of a unit quaternion")
+        quat = _dmp("quat_dmp_info", quat_dmp_info, 3)
+        del quat["tau"]
+        self._run(
+            proto.QuaternionPoseDmp(
+                **{f"position_{key}": value for key, value in _dmp("position_dmp_info", position_dmp_info, 3).items()},
+                **{f"quat_{key}": value for key, value in quat.items()},
+                initial_sensor_values=_sensor_values(initial_sensor_values, position_dmp_info, 3),
+                goal_quat=goal / norm,
+                goal_quat_time=number("goal_quat_time", goal_quat_time),
+                duration=number("duration", duration),
+                ee_frame=bool(ee_frame),
+            ),
+            _pose_controller(use_impedance, cartesian_impedances, joint_impedances),
+            [_time_after(buffer_time), *_contact(force_thresholds, torque_thresholds)],
+            skill_desc,
+            block,
+            ignore_errors,
+        )
+
+    def run_guide_mode(self, duration: float = 10, block: bool = True, skill_desc: str = "GuideMode") -> None:
+        """Let the arm be led by hand for `duration` (s): gravity is compensated, a little dry friction holds what nobody leads.
+
+        Ends early by `stop_skill`. The arm then holds itself where it is.
+        """
+        # The duration is the person's, whatever the speed of motions.
+        self._run(
+            proto.StayJoint(duration=number("duration", duration)),
+            proto.FreeDrive(),
+            [proto.Time(after_trajectory=0)],
+            skill_desc,
+            block,
+            ignore_errors=True,
+            speed=1,
+        )
+
+    def selective_guidance_mode(
+        self,
+        duration: float = 5,
+        use_joints: bool = False,
+        use_impedance: bool = False,
+        use_ee_frame: bool = False,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        cartesian_impedances: Sequence[float] | None = None,
+        joint_impedances: Sequence[float] | None = None,
+        k_gains: Sequence[float] | None = None,
+        d_gains: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        ignore_virtual_walls: bool = False,
+        skill_desc: str = "SelectiveGuidance",
+    ) -> None:
+        """Hold the arm where it is with the stiffness that is given for `duration` (s), so that it yields where that is low.
+
+        Args:
+            duration: s.
+            use_joints: hold the joints; else the pose of the end effector.
+            use_impedance: by the server's controllers; else by the robot's own.
+            use_ee_frame: the Cartesian stiffness is along and about the axes of the end effector; else of the base. With
+                `use_impedance`, without `use_joints`.
+            ignore_virtual_walls: means nothing here.
+
+        The other arguments are those of `goto_joints` and `goto_pose`.
+
+        Example:
+            >>> fa.selective_guidance_mode(20, use_impedance=True, cartesian_impedances=[600, 600, 0, 50, 50, 50])
+        """
+        duration = number("duration", duration)
+        stay: Message = proto.StayJoint(duration=duration) if use_joints else proto.StayPose(duration=duration)
+        if use_joints:
+            controller = _joint_controller(use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains)
+        else:
+            controller = _pose_controller(use_impedance, cartesian_impedances, joint_impedances)
+            if use_impedance and use_ee_frame:
+                controller.frame = proto.CartesianImpedance.END_EFFECTOR
+        ends = [_time_after(buffer_time), *_contact(force_thresholds, torque_thresholds)]
+        self._run(stay, controller, ends, skill_desc, block, ignore_errors, speed=1)
+
+    def demonstrate(self, duration: float, skill_desc: str = "Demonstration", **guidance: Any) -> Demonstration:
+        """Let somebody lead the arm by hand, and return what they did; Ctrl-C ends it sooner.
+
+        Args:
+            duration: s.
+            skill_desc: goes into states and logs.
+            guidance: arguments of `selective_guidance_mode`, for an arm that yields along some axes; none: it floats.
+
+        Example:
+            >>> demonstration = fa.demonstrate(20, use_impedance=True, cartesian_impedances=[0, 0, 600, 50, 50, 50])
+        """
+        duration = number("duration", duration)
+        rows: list[proto.ArmState] = []
+        with self.states(fields=["robot.message_id", "robot.q", "robot.O_T_EE", "skill_id"]) as states:
+            if guidance:
+                self.selective_guidance_mode(duration, block=False, skill_desc=skill_desc, **guidance)
+            else:
+                self.run_guide_mode(duration, block=False, skill_desc=skill_desc)
+            if self._motion is None:
+                raise FrankaArmException("This FrankaArm is offline: there is no arm that could be led.")
+            try:
+                with progress(duration, "demonstrate", unit="s") as bar:
+                    skill = self._motion.id
+                    for state in states:
+                        if state.skill_id == skill:
+                            rows.append(state)
+                            bar.update(0.001)
+                        elif rows:
+                            break
+            except KeyboardInterrupt:
+                self.stop_skill()
+        self.wait_for_skill()
+        if len(rows) < 2:
+            raise FrankaArmException("No states have come: `frankapy status` tells why.")
+        return Demonstration.of_states(
+            np.array([state.robot.message_id for state in rows]) * 1e-3,
+            np.array([state.robot.q for state in rows]),
+            np.array([state.robot.O_T_EE for state in rows]),
+        )
+
+    def execute_joint_velocities(
+        self,
+        joint_velocities: Any,
+        joint_accelerations: Any,
+        duration: float = 5,
+        dynamic: bool = False,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        cartesian_impedances: Sequence[float] | None = None,
+        joint_impedances: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        ignore_virtual_walls: bool = False,
+        skill_desc: str = "ExecuteJointVelocities",
+    ) -> None:
+        """Turn the joints with constant velocities for `duration`, from rest to rest, under the robot's own impedance control.
+
+        Args:
+            joint_velocities: rad/s (7,).
+            joint_accelerations: rad/s² (7,), at both ends; all 0: half of what the arm can do.
+            duration: s, with both ends.
+            dynamic: follow the JointVelocitySensorMessages that are published over
+                FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC while this runs, and nothing else. The skill is not waited for,
+                and ends after `duration` and `buffer_time`, or by a ShouldTerminateSensorMessage. Where messages cease for
+                0.2 s the arm stops.
+            ignore_virtual_walls: means nothing here.
+
+        The other arguments are those of `goto_joints`.
+        """
+        dq = vector("joint_velocities", joint_velocities, 7)
+        ddq = _accelerations("joint_accelerations", joint_accelerations, dq)
+        ends = _streamed_or_timed_ends(dynamic, duration, buffer_time, force_thresholds, torque_thresholds)
+        self._run(
+            proto.StreamJointVelocity(topic=_SENSOR_TOPIC)
+            if dynamic
+            else proto.JointVelocity(dq=dq, ddq=ddq, duration=number("duration", duration)),
+            _internal_impedance(cartesian_impedances, joint_impedances),
+            ends,
+            skill_desc,
+            block and not dynamic,
+            ignore_errors,
+        )
+
+    def execute_cartesian_velocities(
+        self,
+        cartesian_velocities: Any,
+        cartesian_accelerations: Any,
+        duration: float = 5,
+        dynamic: bool = False,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        cartesian_impedances: Sequence[float] | None = None,
+        joint_impedances: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        ignore_virtual_walls: bool = False,
+        skill_desc: str = "ExecuteCartesianVelocities",
+    ) -> None:
+        """Move the end effector with a constant velocity, as `execute_joint_velocities` turns the joints.
+
+        Args:
+            cartesian_velocities: along and about the axes of the base, m/s and rad/s (6,).
+            cartesian_accelerations: m/s² and rad/s² (6,), at both ends; all 0: half of what the arm can do.
+            duration: s, with both ends.
+            dynamic: as there, by CartesianVelocitySensorMessages.
+            ignore_virtual_walls: means nothing here.
+
+        The other arguments are those of `goto_pose`.
+        """
+        twist = vector("cartesian_velocities", cartesian_velocities, 6)
+        acceleration = _accelerations("cartesian_accelerations", cartesian_accelerations, twist)
+        ends = _streamed_or_timed_ends(dynamic, duration, buffer_time, force_thresholds, torque_thresholds)
+        self._run(
+            proto.StreamCartesianVelocity(topic=_SENSOR_TOPIC)
+            if dynamic
+            else proto.CartesianVelocity(O_dP_EE=twist, O_ddP_EE=acceleration, duration=number("duration", duration)),
+            _internal_impedance(cartesian_impedances, joint_impedances),
+            ends,
+            skill_desc,
+            block and not dynamic,
+            ignore_errors,
+        )
+
+    def apply_effector_forces_torques(
+        self,
+        run_duration: float,
+        acc_duration: float,
+        max_translation: float,
+        max_rotation: float,
+        forces: Any = None,
+        torques: Any = None,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        skill_desc: str = "ForceTorque",
+    ) -> None:
+        """Let the end effector exert a force and a torque for `run_duration`, and hold nothing meanwhile.
+
+        In free space the arm goes where it is pulled. It then comes to rest and holds itself where it is.
+
+        Args:
+            run_duration: s, with rise and fall.
+            acc_duration: s in which force and torque rise, and fall at the end; at most half of `run_duration`.
+            max_translation: m from the start at which they have faded away; 0: no matter how far.
+            max_rotation: rad, as max_translation.
+            forces: N (3,), along the axes of the base; its norm times run_duration at most
+                FrankaConstants.MAX_LIN_MOMENTUM. None: 0.
+            torques: N m (3,), about the axes of the base; likewise FrankaConstants.MAX_ANG_MOMENTUM. None: 0.
+
+        The other arguments are those of `goto_pose`.
+
+        Example:
+            >>> fa.apply_effector_forces_torques(2, 0.5, 0.05, 0.2, forces=[0, 0, -4])
+        """
+        force, torque = (
+            np.zeros(3) if value is None else vector(name, value, 3)
+            for name, value in (("forces", forces), ("torques", torques))
+        )
+        impulse = self._impulse(run_duration, acc_duration, force, FC.MAX_LIN_MOMENTUM)
+        _within_momentum("torques", float(np.linalg.norm(torque)), impulse.duration, FC.MAX_ANG_MOMENTUM)
+        impulse.torque.extend(torque)
+        self._run(
+            impulse,
+            proto.PassThrough(
+                max_translation=number("max_translation", max_translation), max_rotation=number("max_rotation", max_rotation)
+            ),
+            [_time_after(buffer_time), *_contact(force_thresholds, torque_thresholds)],
+            skill_desc,
+            block,
+            ignore_errors,
+            speed=1,
+        )
+
+    def apply_effector_forces_along_axis(
+        self,
+        run_duration: float,
+        acc_duration: float,
+        max_translation: float,
+        forces: Any,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        skill_desc: str = "ForcesAlongAxis",
+    ) -> None:
+        """Let the end effector exert a force, and hold it on the line of that force with springs (600 N/m, 20 Nm/rad).
+
+        Args:
+            forces: N (3,), not all 0, along the axes of the base; its norm times run_duration at most
+                FrankaConstants.MAX_LIN_MOMENTUM_CONSTRAINED.
+
+        The other arguments are those of `apply_effector_forces_torques`.
+        """
+        force = vector("forces", forces, 3)
+        if not force.any():
+            raise FrankaArmArgumentError("forces is 0 along every axis: expected a force, as the arm is held on its line")
+        self._run(
+            self._impulse(run_duration, acc_duration, force, FC.MAX_LIN_MOMENTUM_CONSTRAINED),
+            proto.ForceAxisImpedance(axis=force, max_translation=number("max_translation", max_translation)),
+            [_time_after(buffer_time), *_contact(force_thresholds, torque_thresholds)],
+            skill_desc,
+            block,
+            ignore_errors,
+            speed=1,
+        )
+
+    @staticmethod
+    def _impulse(run_duration: Any, acc_duration: Any, force: np.ndarray, most: float) -> proto.Impulse:
+        duration, rise = number("run_duration", run_duration), number("acc_duration", acc_duration)
+        if rise > duration / 2:
+            raise FrankaArmArgumentError(
+                f"acc_duration is {rise:g} s: expected at most half of run_duration, which is {duration:g} s"
+            )
+        _within_momentum("forces", float(np.linalg.norm(force)), duration, most)
+        return proto.Impulse(force=force, acc_duration=rise, duration=duration)
+
+    def execute_joint_torques(
+        self,
+        joint_torques: Any,
+        selection: Sequence[float] = (0,) * 7,
+        remove_gravity: Sequence[float] = (0,) * 7,
+        duration: float = 5,
+        dynamic: bool = False,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        k_gains: Sequence[float] | None = None,
+        d_gains: Sequence[float] | None = None,
+        block: bool = True,
+        ignore_errors: bool = True,
+        ignore_virtual_walls: bool = False,
+        skill_desc: str = "ExecuteJointTorques",
+    ) -> None:
+        """Give some joints a torque and hold the others where they are, for `duration` and `buffer_time`.
+
+        The arm then comes to rest and holds itself where it is. Under a constant torque nothing but the arm's own barrier
+        limits how fast a joint becomes.
+
+        Args:
+            joint_torques: N m (7,), beside gravity, which the robot compensates.
+            selection: of each joint 1 for its torque, 0 to be held at the angle where it starts.
+            remove_gravity: of each joint 1 to let it feel gravity, by subtracting the torque that compensates it.
+            duration: s.
+            dynamic: take torques, selection and gains from JointTorqueControllerSensorMessages that are published over
+                FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC while this runs (see `publisher`): torques at once, the rest
+                in 0.1 s. The skill is not waited for, and ends by a ShouldTerminateSensorMessage too.
+            k_gains: stiffness of the joints that are held, Nm/rad, (7,).
+            d_gains: damping of the joints that are held, Nms/rad, (7,).
+            ignore_virtual_walls: means nothing here.
+
+        The other arguments are those of `goto_joints`.
+
+        Example:
+            >>> fa.execute_joint_torques([0, 0, 0, 0, 0, 0, 0.4], selection=[0, 0, 0, 0, 0, 0, 1], duration=0.5)
+        """
+        self._run(
+            proto.StayJoint(duration=number("duration", duration)),
+            proto.PassThroughJointTorque(
+                torque=vector("joint_torques", joint_torques, 7),
+                selection=vector("selection", selection, 7),
+                remove_gravity=vector("remove_gravity", remove_gravity, 7),
+                stiffness=_given("k_gains", k_gains, 7),
+                damping=_given("d_gains", d_gains, 7),
+                topic=_SENSOR_TOPIC if dynamic else None,
+            ),
+            _streamed_or_timed_ends(dynamic, duration, buffer_time, force_thresholds, torque_thresholds),
+            skill_desc,
+            block and not dynamic,
+            ignore_errors,
+            speed=1,
+        )
+
+    def apply_joint_torques(
+        self, torques: Any, duration: float, ignore_errors: bool = True, skill_desc: str = ""
+    ) -> None:
+        """Apply torques (Nm beside gravity's, (7,)) for `duration` (s), as `execute_joint_torques` does to all joints."""
+        self.execute_joint_torques(
+            torques, selection=[1] * 7, duration=duration, ignore_errors=ignore_errors, skill_desc=skill_desc
+        )
+
+    def run_dynamic_force_position(
+        self,
+        duration: float = 3,
+        buffer_time: float = FC.DEFAULT_TERM_BUFFER_TIME,
+        force_thresholds: Sequence[float] | None = None,
+        torque_thresholds: Sequence[float] | None = None,
+        position_kps_cart: Sequence[float] = (600, 600, 600, 50, 50, 50),
+        force_kps_cart: Sequence[float] = (0.1,) * 6,
+        position_kps_joint: Sequence[float] = (600, 600, 600, 600, 250, 150, 50),
+        force_kps_joint: Sequence[float] = (0.1,) * 7,
+        S: Sequence[float] = (1,) * 6,
+        interpolate: bool = False,
+        use_cartesian_gains: bool = True,
+        ignore_errors: bool = True,
+        ignore_virtual_walls: bool = False,
+        skill_desc: str = "",
+    ) -> None:
+        """Follow poses and exert forces that are published while this runs; return when the server has taken the skill.
+
+        Poses and forces come as ForcePositionSensorMessages, other gains as ForcePositionControllerSensorMessages, over
+        FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC (see `publisher`). Until the first comes the arm stays where it is and
+        exerts nothing. It ends after `duration` and `buffer_time`, or by a ShouldTerminateSensorMessage.
+
+        Args:
+            duration: s.
+            buffer_time: s.
+            position_kps_cart: stiffness of EE, 3 N/m and 3 Nm/rad, with `use_cartesian_gains`.
+            force_kps_cart: share of the force that is missing which is added to the force wanted, (6,), 0 to 2.
+            position_kps_joint: stiffness of the joints, Nm/rad, (7,), without `use_cartesian_gains`.
+            force_kps_joint: as force_kps_cart, of the joints' torques, (7,); of 6 the last stands for joint 7 too.
+            S: of each axis of the base 1 to follow the pose, 0 to exert the force, or a part of both, (6,).
+            interpolate: True: poses are passed on a spline, later by twice the time between them. False: each is gone to at
+                once, as fast as 0.3 of the arm's limits allow.
+            use_cartesian_gains: gains of EE, else of the joints.
+            ignore_virtual_walls: means nothing here.
+
+        The other arguments are those of `goto_pose`.
+
+        Example:
+            >>> from frankapy import FrankaConstants, proto
+            >>> fa.run_dynamic_force_position(10, S=[1, 1, 0, 1, 1, 1])
+            >>> with fa.publisher(FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC) as publisher:
+            ...     pose = fa.get_pose().matrix.T.ravel()
+            ...     publisher.publish(proto.ForcePositionSensorMessage(pose=pose, force=[0, 0, -5, 0, 0, 0]))
+            >>> fa.stop_skill()
+        """
+        per_joint = numbers("force_kps_joint", force_kps_joint)
+        if len(per_joint) == 6:  # the default of published scripts
+            per_joint = np.append(per_joint, per_joint[-1])
+        self._run(
+            proto.StreamForcePosition(topic=_SENSOR_TOPIC, delay=None if interpolate else 0),
+            proto.ForcePosition(
+                selection=vector("S", S, 6),
+                use_cartesian_gains=use_cartesian_gains,
+                position_kps_cart=vector("position_kps_cart", position_kps_cart, 6),
+                force_kps_cart=vector("force_kps_cart", force_kps_cart, 6),
+                position_kps_joint=vector("position_kps_joint", position_kps_joint, 7),
+                force_kps_joint=vector("force_kps_joint", per_joint, 7),
+                topic=_SENSOR_TOPIC,
+            ),
+            _stream_ends(duration, buffer_time, force_thresholds, torque_thresholds),
+            skill_desc,
+            False,
+            ignore_errors,
+            speed=1,
+        )
+
+    def run(
+        self,
+        trajectory: Message,
+        controller: Message | None = None,
+        until: Message | Sequence[Message] = (),
+        *,
+        robot_controller: str = "auto",
+        speed: float | None = None,
+        start_time: float | None = None,
+        preempt: bool = False,
+        block: bool = True,
+        ignore_errors: bool = False,
+        skill_desc: str = "",
+    ) -> proto.SkillResult | None:
+        """Run a skill of any parts; `frankapy.parts` has them, and `frankapy kinds` lists them.
+
+            fa.run(MinJerkPose(goal, 3), CartesianImpedance(600, 50), AnyOf(FinalPose(1e-3), ForceAbove(10, axis="z")))
+
+        Poses are those of the end-effector frame that the robot is set to, in the base frame.
+
+        Args:
+            trajectory: where the arm goes.
+            controller: how it follows; None: the robot's own joint impedance.
+            until: what ends the skill, any of several; nothing: the end of the trajectory.
+            robot_controller: what the robot is commanded in: "torque"; "joint_position", "joint_velocity",
+                "cartesian_pose" or "cartesian_velocity", which its own impedance follows; "torque_and_" any of these;
+                or "auto" for the first that fits.
+            speed: of the trajectory's clock, 0.01 to 1; None: `fa.speed`.
+            start_time: when the trajectory begins, in the server's `time.time()`, at most a minute ahead; until then the arm
+                rests, or the skill before goes on. Skills of several arms with one start time begin together.
+            preempt: take over from the skill of this client that still runs, without a stop where both run on one robot
+                controller.
+            block: wait for the end; its result is returned.
+            ignore_errors: where the robot reports an error, log it and recover, instead of raising.
+            skill_desc: goes with the skill's states.
+
+        Raises FrankaArmArgumentError for values against their rules and for parts that do not fit each other, with those
+        that would; FrankaArmException where the robot reports an error.
+        """
+        self._run(
+            trajectory,
+            controller if controller is not None else proto.InternalImpedance(),
+            _any_of(until),
+            skill_desc,
+            block,
+            ignore_errors,
+            robot_controller,
+            preempt,
+            speed,
+            start_time,
+        )
+        return self._last_result if block and not self._offline and self._sequence is None else None
+
+    def change(
+        self,
+        trajectory: Message | None = None,
+        controller: Message | None = None,
+        until: Message | Sequence[Message] = (),
+    ) -> None:
+        """Give the skill that runs other parts, without a gap and without a step in torque; returns when it has them.
+
+            fa.run(MinJerkPose(goal, 5), CartesianImpedance(600, 50), block=False)
+            fa.change(controller=CartesianImpedance(200, 20))
+
+        What is not given stays. A new trajectory begins at the reference as it then is; a new controller has the torque of the
+        one before and comes to its own within 0.1 s. The robot controller stays, and so do the robot's own settings.
+
+        Raises FrankaArmArgumentError for parts that do not fit, FrankaArmFrankaInterfaceNotReadyException when the skill does
+        not run at that moment, FrankaArmException when there is none.
+        """
+        motion = self._motion
+        if motion is None or self.is_skill_done():
+            raise FrankaArmException("No skill of this client runs: there is nothing to change.")
+        change = proto.ChangeSkill(skill_id=motion.id)
+        if trajectory is not None:
+            validate(trajectory)
+            change.trajectory.Pack(trajectory)
+        if controller is not None:
+            validate(controller)
+            change.controller.Pack(controller)
+        for termination in _any_of(until):
+            validate(termination)
+            change.terminations.add().Pack(termination)
+        self._server.ask(proto.Request(change_skill=change))
+
+    @staticmethod
+    def kinds(role: str | None = None) -> list[Kind]:
+        """Return what skills are made of: every kind with its fields, their units and defaults, and what it fits.
+
+        Args:
+            role: "trajectory", "controller", "termination", or None for all.
+
+        Example:
+            >>> for kind in fa.kinds("controller"):
+            ...     print(kind.name, list(kind.fits))
+        """
+        if role not in (None, "trajectory", "controller", "termination"):
+            raise FrankaArmArgumentError(f"role is {role!r}: expected trajectory, controller, termination or None")
+        return describe(role)
+
+    def publisher(self, topic: str) -> SensorPublisher:
+        """Return a publisher of sensor messages over a topic of this arm."""
+        return SensorPublisher(topic, self._robot_num, self._server_name)
+
+    @property
+    def walls(self) -> Walls:
+        """What this arm must not touch, by name; see frankapy.walls."""
+
+        def change(walls: proto.ChangeWalls) -> proto.Walls:
+            return self._server.ask(proto.Request(change_walls=walls)).walls
+
+        return Walls(change, lambda: np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T)
+
+    def topics(self) -> dict[str, proto.Topics.Topic]:
+        """Return what came over each topic since the arm's process began: received, lost, out of order, refused and why."""
+        return {topic.topic: topic for topic in self._server.ask(proto.Request(list_topics=proto.ListTopics())).topics.topics}
+
+    @contextlib.contextmanager
+    def recording(self) -> Iterator[Callable[[], proto.RecordingStatus]]:
+        """Record everything that happens inside, on the server's computer; `frankapy.recording` reads it.
+
+        Gives a function that tells what there is: `file`, `time` (s), `states`, `bytes`, `lost`.
+
+            with fa.recording() as status:
+                fa.goto_pose(pose)
+            print(status().file)
+
+        Raises FrankaArmException where the server cannot write there.
+        """
+
+        def ask(on: bool | None = None) -> proto.RecordingStatus:
+            return self._server.ask(proto.Request(record=proto.Record(on=on))).recording
+
+        def wait(so: Callable[[proto.RecordingStatus], bool]) -> None:
+            deadline = time.monotonic() + _RECORDING_TIME
+            while not so(status := ask()):
+                if status.error:
+                    raise FrankaArmException(f"The server does not record: {status.error}")
+                if time.monotonic() > deadline:
+                    return  # one that records all the time does not end
+                time.sleep(0.01)
+
+        before = ask(on=True).states
+        try:
+            wait(lambda status: status.open and status.states != before)
+            yield ask
+        finally:
+            ask(on=False)
+            wait(lambda status: not status.open)
+
+    @contextlib.contextmanager
+    def sequence(self, blend: float = 0) -> Iterator[list[proto.SkillResult]]:
+        """Queue the motions that are called for inside, and wait for all of them at the end.
+
+            with fa.sequence(blend=0.3) as results:
+                fa.goto_pose(above, 2)
+                fa.goto_pose(below, 2)
+
+        Each begins when the one before has ended, without a gap; where one does not end by itself, those after it are
+        cancelled. A motion is checked from the goal of the one before; a relative goal counts from where the reference is
+        when it begins, which with `blend` is short of that.
+
+        Args:
+            blend: s before the end of a trajectory at which the next begins, from its motion, where both run on one robot
+                controller; 0: each comes to rest.
+
+        Yields the list of their results, which is complete afterwards. Raises FrankaArmException for the first that failed,
+        unless it was called with ignore_errors; an exception inside stops the arm.
+        """
+        if self._sequence is not None:
+            raise FrankaArmArgumentError("A sequence is being made already: end it before another one begins.")
+        blend = number("blend", blend)
+        if not 0 <= blend <= _MAX_BLEND:
+            raise FrankaArmArgumentError(f"blend is {blend:g} s: expected 0 to {_MAX_BLEND:g} s")
+        sequence = self._sequence = _Sequence(blend)
+        results: list[proto.SkillResult] = []
+        try:
+            yield results
+        except BaseException:
+            self._sequence = None
+            self.stop_skill()
+            raise
+        self._sequence = None
+        failure: FrankaArmException | None = None
+        for motion, ignore_errors in sequence.motions:
+            try:
+                self._wait(motion, ignore_errors)
+            except FrankaArmException as error:
+                failure = failure or error
+            results.append(motion.call.final().skill_result)
+        if failure is not None:
+            raise failure
 
     # --- gripper -------------------------------------------------------------------------------------------------
 
@@ -448,7 +1340,11 @@ class FrankaArm:
     # --- reads ---------------------------------------------------------------------------------------------------
 
     def get_arm_state(self) -> proto.ArmState:
-        """Return everything that the server knows of the arm now."""
+        """Return everything that the server knows of the arm now: the newest state, with its age (s).
+
+        The server is asked, but where reads follow each other within 50 ms: then its published states are listened to, and the
+        newest is returned if it is no older than 3 ms.
+        """
         if self._offline:
             zeros, identity = [0.0] * 7, np.eye(4).flatten()
             robot = proto.RobotState(
@@ -456,29 +1352,59 @@ class FrankaArm:
                 O_F_ext_hat_K=zeros[:6], O_dP_EE_c=zeros[:6],
             )  # fmt: skip
             return proto.ArmState(robot=robot, gripper=proto.GripperState(width=0, is_grasped=False))
-        return self._server.ask(proto.Request(get_state=proto.GetState())).state
+        before, self._read_time = self._read_time, time.monotonic()
+        if self._read_time - before > _SOON:
+            self._stop_listening()
+        elif (state := self._newest_state()) is not None:
+            return state
+        return self._asked_state()
 
-    def stream_states(self) -> StateStream:
-        """Return the arm's states from now on, one for each cycle of 1 ms.
+    def states(self, rate: float = 1000, fields: Sequence[str] = ()) -> StateStream:
+        """Return the arm's states from now on, between skills and in error as well.
+
+        Args:
+            rate: of them, 1/s: 1000, one for each cycle, or that divided by a whole number.
+            fields: of proto.ArmState, those that are sent; none: all.
 
         Example:
-            >>> with fa.stream_states() as states:
+            >>> with fa.states(rate=100, fields=["robot.q", "robot.dq"]) as states:
             ...     print(states.receive().robot.q)
         """
-        return StateStream(self._server.welcome.state_endpoint)
+        return StateStream(self._server.welcome.state_endpoint, rate=number("rate", rate), fields=fields)
+
+    def wait_for(self, condition: Callable[[proto.ArmState], bool], timeout: float | None = None) -> proto.ArmState:
+        """Wait until a state fulfils a condition, which is asked of each cycle's; return that state.
+
+        Raises FrankaArmCommException when none does within `timeout` (s; None: any time), or when no states come.
+
+        Example:
+            >>> fa.wait_for(lambda state: max(state.robot.dq) < 0.05, timeout=10)
+        """
+        deadline = math.inf if timeout is None else time.monotonic() + number("timeout", timeout)
+        with StateStream(self._server.welcome.state_endpoint) as states:
+            for state in states:
+                if condition(state):
+                    return state
+                if time.monotonic() > deadline:
+                    raise FrankaArmCommException(f"In {timeout:g} s no state fulfilled the condition.")
+        raise FrankaArmCommException("No states have come for 3 s: `frankapy status` tells why.")
 
     def get_robot_state(self) -> dict[str, Any]:
         """Return the state as a dictionary of the published interface.
 
         Keys: pose and pose_desired (franka_tool_base to world), joints, joints_desired (rad), joint_velocities (rad/s),
-        joint_torques (Nm), joint_torques_derivative (Nm/s), ee_force_torque (N, Nm, base axes), cartesian_velocities
-        (commanded; m/s, rad/s), gripper_width (m; NaN without a hand), gripper_is_grasped.
+        joint_torques (Nm), joint_torques_derivative (Nm/s), ee_force_torque (N, Nm, base axes), cartesian_velocities (m/s, rad/s;
+        as commanded, and where the robot is commanded none as measured), gripper_width (m; NaN without a hand), gripper_is_grasped.
         """
         state = self.get_arm_state()
         robot = state.robot
         has_hand = state.HasField("gripper")
+        if robot.motion_generator_mode in _CARTESIAN_MODES or self._offline:
+            twist = np.array(robot.O_dP_EE_c)
+        else:  # the robot is commanded none
+            twist = kinematics.jacobian(np.array(robot.q), np.zeros(3)) @ np.array(robot.dq)
         return {
-            "cartesian_velocities": np.array(robot.O_dP_EE_c),
+            "cartesian_velocities": twist,
             "pose": franka_pose_to_rigid_transform(robot.O_T_EE),
             "pose_desired": franka_pose_to_rigid_transform(robot.O_T_EE_d),
             "joint_torques": np.array(robot.tau_J),
@@ -554,11 +1480,44 @@ class FrankaArm:
 
     # --- kinematics ----------------------------------------------------------------------------------------------
 
+    @property
+    def limits(self) -> proto.JointLimits:
+        """Range (q_min, q_max, rad) and greatest velocities (dq_max, rad/s) of the joints of the connected arm."""
+        return self._server.welcome.limits
+
     def is_joints_reachable(self, joints: Any) -> bool:
         """Return whether joints (rad, (7,)) are inside the limits of the connected arm; offline, of the FER."""
         lower, upper = self._joint_limits()
         joints = vector("joints", joints, 7)
         return bool(np.all((lower < joints) & (joints < upper)))
+
+    def ik(self, tool_pose: RigidTransform, near: Any = None) -> np.ndarray:
+        """Return joints (rad, (7,)) that bring the tool to a pose, for `goto_joints`.
+
+        Of all such joints, those near to `near` (rad, (7,)); None: to where the arm is, offline to home. Raises
+        FrankaArmArgumentError when no joints within the limits do, with how near they come.
+
+        Example:
+            >>> pose = fa.get_pose()
+            >>> pose.translation[2] += 0.05
+            >>> fa.goto_joints(fa.ik(pose), duration=3)
+        """
+        _check_pose("tool_pose", tool_pose, (_TOOL, _WORLD))
+        if near is None:
+            near = FC.HOME_JOINTS if self._offline else self.get_joints()
+        if self._offline:
+            tool = kinematics.turned_about_z(np.eye(4), kinematics.HAND_YAW)
+            tool[2, 3] = kinematics.DH_PARAMS[8, 1]
+        else:
+            tool = np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T
+        flange = tool_pose.matrix @ np.linalg.inv(tool @ self._tool_delta_pose.matrix)
+        joints, distance, angle = kinematics.inverse(flange, vector("near", near, 7), *self._joint_limits())
+        if max(distance, angle) > kinematics.REACHED:
+            raise FrankaArmArgumentError(
+                f"Target pose not reachable! The joints come as near as {1e3 * distance:.1f} mm and "
+                f"{math.degrees(angle):.2f} degrees: choose a pose nearer to the arm or another orientation"
+            )
+        return joints
 
     def get_jacobian(self, joints: Any) -> np.ndarray:
         """Return the Jacobian of the tool in base axes at `joints` (rad, (7,)); (6, 7), linear over angular."""
@@ -586,6 +1545,74 @@ class FrankaArm:
             for name, matrix in zip(names, [*frames[1:9], hand, base, tool], strict=True)
         ]
 
+    # --- boxes ---------------------------------------------------------------------------------------------------
+
+    def get_collision_boxes_poses(
+        self, joints: Any = None, use_rigid_transforms: bool = False
+    ) -> list[np.ndarray] | list[RigidTransform]:
+        """Return the poses of the arm's boxes (FrankaConstants.COLLISION_BOX_SHAPES) in the base.
+
+        At `joints` (rad, (7,)), None: where the arm is. As matrices (4, 4), or as poses from box0 and so on to world.
+        """
+        poses = list(collision_boxes.poses_at(self._joints_or_now(joints)))
+        if not use_rigid_transforms:
+            return poses
+        return [RigidTransform(pose[:3, :3], pose[:3, 3], f"box{i}", _WORLD) for i, pose in enumerate(poses)]
+
+    def check_box_collision(self, box: Any, joints: Any = None) -> bool:
+        """Return whether the arm meets a box: centre x, y, z, roll, pitch, yaw about fixed axes, size; m, rad, (9,).
+
+        At `joints` (rad, (7,)), None: where the arm is.
+        """
+        return collision_boxes.arm_meets(box, self._joints_or_now(joints))
+
+    def is_joints_in_collision_with_boxes(self, joints: Any = None, boxes: Any = None) -> bool:
+        """Return whether the arm meets any of some boxes (see `check_box_collision`); None: the WORKSPACE_WALLS.
+
+        At `joints` (rad, (7,)), None: where the arm is.
+        """
+        joints = self._joints_or_now(joints)
+        return any(collision_boxes.arm_meets(box, joints) for box in (FC.WORKSPACE_WALLS if boxes is None else boxes))
+
+    # --- of scripts for ROS --------------------------------------------------------------------------------------
+
+    def publish_sensor_values(self, sensor_values: SensorDataGroup | None = None) -> bool | None:
+        """Send sensor messages into the running skill (see frankapy.proto_utils); None: nothing, which returns False."""
+        if sensor_values is None:
+            return False
+        if not self._offline:
+            if self._sensors is None:
+                self._sensors = self.publisher(_SENSOR_TOPIC)
+            for message in messages_of(sensor_values):
+                self._sensors.publish(message)
+        return None
+
+    def publish_sensor_data(self, sensor_data_msg: SensorDataGroup) -> None:
+        """Send sensor messages into the running skill (see frankapy.proto_utils)."""
+        self.publish_sensor_values(sensor_data_msg)
+
+    def publish_joints(self, joints: Any = None) -> None:
+        """Publish joints (rad, (7,); None: those of now) for rviz, under franka_virtual_joints_<number of the arm>.
+
+        Where scripts run without rospy there is nobody who would look.
+        """
+        joints = self._joints_or_now(joints)
+        try:
+            import rospy
+            from sensor_msgs.msg import JointState
+        except ImportError:
+            return
+        message = JointState()
+        message.header.stamp = rospy.Time.now()
+        message.name, message.position = list(FC.JOINT_NAMES), [*joints.tolist(), 0.0, 0.0]
+        rospy.Publisher(f"franka_virtual_joints_{self._robot_num}", JointState, queue_size=10).publish(message)
+
+    def publish_collision_boxes(self, joints: Any = None) -> None:
+        """Publish the arm's boxes at `joints` (rad, (7,); None: those of now) for rviz, as BoxesPublisher does."""
+        poses = collision_boxes.poses_at(self._joints_or_now(joints))
+        boxes = [np.r_[pose[:3, 3], _quaternion(pose), size] for pose, size in zip(poses, FC.COLLISION_BOX_SHAPES, strict=True)]
+        BoxesPublisher(f"franka_collision_boxes_{self._robot_num}").publish_boxes(boxes)
+
     # --- of scripts for ROS 2 ------------------------------------------------------------------------------------
 
     def get_time(self) -> float:
@@ -606,15 +1633,28 @@ class FrankaArm:
         description: str,
         block: bool,
         ignore_errors: bool,
+        robot_controller: str = "auto",
+        preempt: bool = False,
+        speed: float | None = None,
+        start_time: float | None = None,
     ) -> None:
         """Send a skill, and wait for its end where asked to."""
-        skill = make_skill(trajectory, controller, terminations, description)
+        speed = self.speed if speed is None else speed
+        skill = make_skill(trajectory, controller, terminations, description, robot_controller, speed, start_time)
         if self._offline:
             logger.warning("%s is not made: this FrankaArm is offline.", description or "The skill")
             return
-        if not self.is_skill_done():
+        sequence = self._sequence
+        if sequence is not None and preempt:
+            raise FrankaArmArgumentError("preempt=True is not for motions of a sequence, which wait for each other.")
+        if sequence is None and not preempt and not self.is_skill_done():
             raise FrankaArmArgumentError("Cannot send another command when the previous skill is active!")
-        request = proto.Request(start_skill=proto.StartSkill(skill=skill))
+        self._stop_listening()
+        start = proto.StartSkill(skill=skill, preempt=preempt)
+        before = sequence.motions[-1][0] if sequence is not None and sequence.motions else self._motion
+        if sequence is not None and before is not None:
+            start.after, start.blend = before.id, sequence.blend
+        request = proto.Request(start_skill=start)
         try:
             call = self._server.start(request)
         except FrankaArmFrankaInterfaceNotReadyException as error:
@@ -623,13 +1663,19 @@ class FrankaArm:
             logger.warning("%s The arm is told to recover.", error.message)
             self.wait_for_franka_interface()
             call = self._server.start(request)
-        motion = self._motion = _Motion(call, description)
-        if block:
+        duration = getattr(trajectory, "duration", 0.0) / (speed or 1)
+        motion = self._motion = _Motion(call, description, duration)
+        if sequence is not None:
+            sequence.motions.append((motion, ignore_errors))
+        elif block:
             self._wait(motion, ignore_errors)
 
     def _wait(self, motion: _Motion, ignore_errors: bool) -> None:
         try:
-            motion.call.final()
+            if motion.duration < _LONG:
+                motion.call.final()
+            else:
+                self._show(motion)
         except KeyboardInterrupt:
             self._server.send(proto.Request(stop_skill=proto.StopSkill()))
             motion.call.last(_STOP_TIME)
@@ -638,6 +1684,14 @@ class FrankaArm:
         except FrankaArmException:
             pass  # found again below
         self._finish(motion, ignore_errors)
+
+    @staticmethod
+    def _show(motion: _Motion) -> None:
+        """Wait for the end of a skill, with a bar where there is a terminal."""
+        begin = time.monotonic()
+        with progress(motion.duration, motion.description or "skill", unit="s") as bar:
+            while motion.call.last(_TICK) is None:
+                bar.update(max(0.0, min(time.monotonic() - begin, motion.duration) - bar.n))
 
     def _finish(self, motion: _Motion, ignore_errors: bool) -> None:
         """Judge a skill that has ended, once."""
@@ -654,6 +1708,8 @@ class FrankaArm:
         name = motion.description or "The skill"
         if result.stretch > _STRETCH_WORTH_A_WORD:
             logger.warning("%s was too fast for the arm and took %.2f times as long.", name, result.stretch)
+        if result.wall:
+            logger.warning("%s was held back by the wall %r.", name, result.wall)
         if result.ending in _GOOD_ENDINGS:
             return
         message = f"{name} ended with {proto.Ending.Name(result.ending)}: {result.message or ', '.join(result.errors)}"
@@ -702,7 +1758,7 @@ class FrankaArm:
         deadline = time.monotonic() + timeout
         while True:
             try:
-                phase = self.get_arm_state().phase
+                phase = self._asked_state().phase
                 reason = f"its phase is {proto.Phase.Name(phase)}"
                 if accepted(phase):
                     return
@@ -712,6 +1768,19 @@ class FrankaArm:
                 raise FrankaArmCommException(f"The arm is not ready after {timeout:g} s: {reason}")
             time.sleep(0.01)
 
+    def _joints_or_now(self, joints: Any) -> np.ndarray:
+        return self.get_joints() if joints is None else vector("joints", joints, 7)
+
+    @property
+    def _in_skill(self) -> bool:
+        """Whether a skill was sent and not waited for; scripts set it to False to send another one."""
+        return self._motion is not None
+
+    @_in_skill.setter
+    def _in_skill(self, there_is_one: bool) -> None:
+        if not there_is_one:
+            self._motion = None
+
     def _joint_limits(self) -> tuple[np.ndarray, np.ndarray]:
         if self._connection is not None and len(self._connection.welcome.limits.q_min) == 7:
             limits = self._connection.welcome.limits
@@ -719,7 +1788,7 @@ class FrankaArm:
         return np.array(FC.JOINT_LIMITS_MIN), np.array(FC.JOINT_LIMITS_MAX)
 
     def _check_reachable(self, joints: np.ndarray) -> None:
-        lower, upper = self._joint_limits()
+        lower, upper = (limit.tolist() for limit in self._joint_limits())
         for i in range(7):
             if not lower[i] < joints[i] < upper[i]:
                 raise FrankaArmArgumentError(
@@ -729,27 +1798,45 @@ class FrankaArm:
 
     @staticmethod
     def _check_walls(points: np.ndarray, what: str) -> None:
-        walls = np.asarray(FC.WORKSPACE_WALLS, dtype=float)
+        walls = np.asarray(FC.WORKSPACE_WALLS, dtype=float).tolist()
         for axis, name in enumerate("xyz"):
-            places = walls[np.argmin(walls[:, 6:9], axis=1) == axis, axis]
-            if not len(places):
+            places = [wall[axis] for wall in walls if min(range(3), key=wall[6:9].__getitem__) == axis]
+            if not places:
                 continue
-            lower, upper = places.min(), places.max()
-            beyond = points[~((lower < points[:, axis]) & (points[:, axis] < upper)), axis]
-            if len(beyond):
+            lower, upper = min(places), max(places)
+            beyond = [value for value in points[:, axis].tolist() if not lower < value < upper]
+            if beyond:
                 raise FrankaArmArgumentError(
                     f"{what} {name} = {beyond[0]:.3f} m: the virtual walls are at {lower:g} and {upper:g} m "
                     f"(FrankaConstants.WORKSPACE_WALLS). ignore_virtual_walls=True goes there all the same"
                 )
 
-    def _refuse_not_built(self, dynamic: bool, force_thresholds: Any, torque_thresholds: Any) -> None:
-        if dynamic:
-            raise FrankaArmNotBuiltError("dynamic=True: streaming goals to a running skill is not built yet.")
-        if force_thresholds is not None or torque_thresholds is not None:
-            raise FrankaArmNotBuiltError(
-                "force_thresholds and torque_thresholds: ending a skill at a contact is not built yet, so the motion "
-                "was not started."
-            )
+    def _asked_state(self) -> proto.ArmState:
+        return self._server.ask(proto.Request(get_state=proto.GetState())).state
+
+    def _newest_state(self) -> proto.ArmState | None:
+        """Return the newest published state if it is new enough; the first call subscribes."""
+        endpoint = self._server.welcome.state_endpoint
+        if not endpoint:
+            return None
+        newest = self._newest
+        if newest is None or newest[:2] != (os.getpid(), endpoint):
+            self._stop_listening()
+            self._newest = (os.getpid(), endpoint, NewestState(endpoint))
+            return None
+        state = newest[2].read()
+        if state is None:
+            return None
+        # Clocks are never quite the same.
+        state.age = max(0.0, time.time() + self._server.clock_difference[0] - state.time_ns * 1e-9)
+        # What ended a call may be newer than what has been published.
+        return state if state.age <= _NEW and state.time_ns >= self._last_result.last_state.time_ns else None
+
+    def _stop_listening(self) -> None:
+        """Listen to published states no longer: each costs the server, the network and this computer something."""
+        newest, self._newest = self._newest, None
+        if newest is not None and newest[0] == os.getpid():
+            newest[2].close()
 
     @property
     def _server(self) -> Connection:
@@ -761,8 +1848,89 @@ class FrankaArm:
 # --- arguments -------------------------------------------------------------------------------------------------------
 
 
+def _end(at_goal: Message, force_thresholds: Any, torque_thresholds: Any) -> Message:
+    """Return what ends a motion beside its time: the goal, or contact where thresholds are given ([] is none)."""
+    if force_thresholds is None and torque_thresholds is None:
+        return at_goal
+    thresholds = {"force_thresholds": (force_thresholds, 6), "torque_thresholds": (torque_thresholds, 7)}
+    given = {name: vector(name, each, size) for name, (each, size) in thresholds.items() if each is not None and len(each)}
+    return proto.Contact(**given)
+
+
+def _contact(force_thresholds: Any, torque_thresholds: Any) -> list[Message]:
+    if force_thresholds is None and torque_thresholds is None:
+        return []
+    return [_end(proto.Never(), force_thresholds, torque_thresholds)]
+
+
+def _stream_ends(duration: Any, buffer_time: Any, force_thresholds: Any, torque_thresholds: Any) -> list[Message]:
+    return [
+        proto.Time(seconds=number("duration", duration) + number("buffer_time", buffer_time)),
+        proto.SensorSays(topic=_SENSOR_TOPIC),
+        *_contact(force_thresholds, torque_thresholds),
+    ]
+
+
+def _streamed_or_timed_ends(
+    dynamic: bool, duration: Any, buffer_time: Any, force_thresholds: Any, torque_thresholds: Any
+) -> list[Message]:
+    if dynamic:
+        return _stream_ends(duration, buffer_time, force_thresholds, torque_thresholds)
+    return [_time_after(buffer_time), *_contact(force_thresholds, torque_thresholds)]
+
+
+def _accelerations(name: str, values: Any, velocities: np.ndarray) -> np.ndarray | None:
+    """Return what a constant velocity takes: none given where there is nothing but zeros, and any where nothing moves."""
+    accelerations = vector(name, values, len(velocities))
+    if not accelerations.any():
+        return None
+    return np.where((accelerations == 0) & (velocities == 0), 1.0, accelerations)
+
+
+def _within_momentum(what: str, strength: float, duration: float, most: float) -> None:
+    if strength * duration > most:
+        raise FrankaArmArgumentError(
+            f"{what} of {strength:.3g} for run_duration {duration:g} s make {strength * duration:.4g}: expected at most {most:g}"
+        )
+
+
+def _dmp(name: str, info: Mapping[str, Any], dimensions: int) -> dict[str, Any]:
+    """Return the fields of a movement primitive's dictionary, of which sizes agree."""
+    missing = [key for key in dmp.KEYS if key not in info]
+    if missing:
+        raise FrankaArmArgumentError(f"{name} has no {missing[0]}: expected {', '.join(dmp.KEYS)}")
+    basis, sensors = (number(f"{name}[{key!r}]", info[key]) for key in ("num_basis", "num_sensors"))
+    fields: dict[str, Any] = {key: number(f"{name}[{key!r}]", info[key]) for key in ("tau", "alpha", "beta")}
+    for key, size, of in [
+        ("mu", basis, "num_basis"),
+        ("h", basis, "num_basis"),
+        ("weights", dimensions * basis * sensors, f"{dimensions} dimensions times num_basis times num_sensors"),
+    ]:
+        fields[key] = numbers(f"{name}[{key!r}]", info[key])
+        if len(fields[key]) != size:
+            raise FrankaArmArgumentError(f"{name}[{key!r}] has {len(fields[key])} elements: expected {size:g}, {of}")
+    return fields
+
+
+def _sensor_values(values: Any, info: Mapping[str, Any], dimensions: int) -> np.ndarray | None:
+    if values is None:
+        return None
+    return vector("initial_sensor_values", np.ravel(values), dimensions * int(info["num_sensors"]))
+
+
 def _given(name: str, value: Any, size: int) -> np.ndarray | None:
     return None if value is None else vector(name, value, size)
+
+
+def _joint_controller(
+    use_impedance: bool, cartesian_impedances: Any, joint_impedances: Any, k_gains: Any, d_gains: Any
+) -> Message:
+    if not use_impedance:
+        _warn_of_unused("use_impedance=False", "the server's controller", k_gains=k_gains, d_gains=d_gains)
+        return _internal_impedance(cartesian_impedances, joint_impedances)
+    _warn_of_unused("use_impedance=True", "the robot's own controller", joint_impedances=joint_impedances,
+                    cartesian_impedances=cartesian_impedances)  # fmt: skip
+    return proto.JointImpedance(stiffness=_given("k_gains", k_gains, 7), damping=_given("d_gains", d_gains, 7))
 
 
 def _pose_controller(use_impedance: bool, cartesian_impedances: Any, joint_impedances: Any) -> Message:

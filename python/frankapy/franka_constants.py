@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from frankapy import collision_boxes
 from frankapy.kinematics import DH_PARAMS
 from frankapy.rigid_transform import RigidTransform
 
@@ -85,6 +86,11 @@ class FrankaConstants:
         "panda_finger_joint1",
         "panda_finger_joint2",
     ]
+
+    # The arm as boxes: sizes (m), numbers of the frames of FrankaArm.get_links_transforms that carry them, poses in those.
+    COLLISION_BOX_SHAPES = collision_boxes.SHAPES
+    COLLISION_BOX_LINKS = collision_boxes.LINKS
+    COLLISION_BOX_POSES = collision_boxes.POSES
 
     # Walls of the workspace as boxes: centre x, y, z (m), roll, pitch, yaw (rad), size (m); two sides, back, front,
     # top, bottom.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -257,6 +257,46 @@ def _orthonormal(rotation: np.ndarray) -> np.ndarray:
     return rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation)
 
 
-# Scripts that use autolab_core's poses multiply them with ours, and its product takes nothing but its own class.
-if importlib.util.find_spec("autolab_core") is not None:
+class Point:
+    """A point of a named frame, m, (3,); `transform * point` is the same point in the transform's `to_frame`."""
+
+    def __init__(self, data: Any, frame: str = "unspecified") -> None:
+        data = np.array(data, dtype=float)
+        if data.size != 3:
+            raise ValueError(f"data has the shape {data.shape}: expected (3,)")
+        self.data = data.reshape(3)
+        self.frame = frame
+
+    @property
+    def x(self) -> float:
+        """First coordinate, m."""
+        return float(self.data[0])
+
+    @property
+    def y(self) -> float:
+        """Second coordinate, m."""
+        return float(self.data[1])
+
+    @property
+    def z(self) -> float:
+        """Third coordinate, m."""
+        return float(self.data[2])
+
+    @property
+    def vector(self) -> np.ndarray:
+        """The coordinates, m, (3,)."""
+        return self.data
+
+    def __rmul__(self, transform: RigidTransform) -> Point:
+        if transform.from_frame != self.frame:
+            raise ValueError(f"the frames must meet: the point is in {self.frame!r}, the transform from {transform.from_frame!r}")
+        return Point(transform.rotation @ self.data + transform.translation, transform.to_frame)
+
+    def __repr__(self) -> str:
+        return f"Point({self.data}, frame={self.frame!r})"
+
+
+# Scripts that use autolab_core's poses multiply them with ours, and its product takes nothing but its own class. Where
+# frankapy/compat stands in for it, that one takes its classes from here, and may be the first to be imported.
+with contextlib.suppress(ImportError):
     from autolab_core import RigidTransform  # type: ignore[assignment,no-redef]  # noqa: F811

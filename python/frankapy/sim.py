@@ -1,17 +1,24 @@
-"""A simulated arm and a server as child processes, on addresses and ports that are free.
+"""Simulated arms and a server as child processes, on addresses and ports that are free, and the world around the arms.
 
 What `frankapy sim`, the examples and the tests start; a script may do so too:
 
-    with Simulation() as simulation:
-        fa = FrankaArm(server=simulation.server)
+    with Simulation(SimulatedArm(scene="table_with_blocks")) as sim:
+        fa = FrankaArm(server=sim.server)
+        fa.reset_joints()
+        sim.push([0, 0, -20, 0, 0, 0], duration=0.5)
+        print(sim.truth().q)
+
+`ControlChannel(address)` gives the same over an arm of a fci-sim that runs already.
 """
 
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import queue
 import random
+import re
 import shutil
 import signal
 import socket
@@ -27,15 +34,24 @@ from types import TracebackType
 from typing import IO
 
 import numpy as np
+import zmq
+from numpy.typing import ArrayLike
 
+from frankapy import proto
 from frankapy.connection import list_arms
-from frankapy.exceptions import FrankaArmCommException, FrankaArmException
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
+from frankapy.rigid_transform import RigidTransform
+from frankapy.validation import number, validate, vector
 
 PROGRAMS_VARIABLE = "FRANKAPY_PROGRAMS"
 FCI_PORT, GRIPPER_PORT = 1337, 1338  # fixed, as on the arm
+CONTROL_PORT = 1339
 
 _START_TIME = 20.0  # s
 _STOP_TIME = 5.0  # s
+_PATIENCE = 10.0  # s, for an answer on the control channel
+_DRAWING = 60.0  # s, that a picture may take on a busy computer, the first most
+_SLOWEST_CYCLE = 0.3  # s: in lockstep, when the client falls silent
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
@@ -43,20 +59,329 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 class SimulatedArm:
     """What fci-sim is told."""
 
-    robot: str = "fr3"  # fer, fr3, fr3v2
+    robot: str = "fr3"  # fer, fr3, fr3v2; of several arms "fr3,fer"
     protocol: str = "auto"  # or "5" to "10"
-    address: str | None = None  # of 127.0.0.0/8; None: a free one
-    lockstep: bool = False  # as fast as this computer can, deterministic
+    address: str | None = None  # of 127.0.0.0/8; None: a free one. Further arms have those that follow
+    arms: int | None = None  # in this process; None: as many as robots are named, or share the scene
+    lockstep: bool = False  # as fast as this computer can
     ideal: bool = False  # no joint friction, no noise
-    scene: str | os.PathLike[str] | None = None  # MJCF file around the arm
-    truth: str | os.PathLike[str] | None = None  # file for what really happens, every cycle
+    speed: float = 1.0  # of the robot's time over the wall's
+    seed: int = 1  # of the noise
+    scene: str | os.PathLike[str] | None = None  # around the arm: a name of sim/scenes, or an MJCF file
+    truth: str | os.PathLike[str] | None = None  # .npy file for what really happens, every cycle
+    # The world stands still from the start except while the arm does something: with lockstep, the same script then
+    # gives the same run, bit for bit.
+    paused_between_motions: bool = False
     more: Sequence[str] = ()  # further options of fci-sim
 
 
-class Simulation:
+@dataclass(frozen=True)
+class Truth:
+    """What is really so with an arm and around it; SI units, base frame O of the arm. Columns of the truth file too."""
+
+    cycle: int  # of the world; the robot's message_id where the world never stood still
+    message_id: int  # of the robot's newest state
+    time: float  # s of the world
+    moving: bool  # a motion of the robot is active
+    q: np.ndarray  # (7,) rad
+    dq: np.ndarray  # (7,) rad/s
+    ddq: np.ndarray  # (7,) rad/s^2, mean over the cycle
+    tau_motor: np.ndarray  # (7,) N m, applied at the joints
+    tau_J: np.ndarray  # (7,) N m at the links, behind friction and motor inertia
+    finger: np.ndarray  # (2,) m, opening of each finger
+    finger_force: np.ndarray  # (2,) N, with which each is pushed open
+    O_T_TCP: np.ndarray  # (4, 4) pose of the tool centre of the hand
+    contact_wrench: np.ndarray  # (6,) N, N m, of the world on hand and fingers, at the TCP
+    push: np.ndarray  # (6,) N, N m, of push() and hand() on the arm, taken at the TCP
+    objects: dict[str, np.ndarray]  # name: (4, 4) pose, of everything that can move
+    paused: str | None  # None, "all" or "between_motions"
+    late_cycles: int  # that this computer let come late
+    worst_delay: float  # s, of them
+
+
+class ControlChannel:
+    """The world of one simulated arm: truth, people, things, network, time.
+
+    Works beside the robot's own protocol, whoever the robot's client is. Every call returns when it is done, with
+    effect from the arm's next cycle on; it raises FrankaArmArgumentError which says what was wrong with it, and
+    FrankaArmCommException when no simulated arm answers. Times are of the world. Positions and forces are in the base
+    frame O of this arm.
+    """
+
+    def __init__(self, address: str = "127.0.0.1") -> None:
+        """Speak to the arm of a fci-sim at this address.
+
+        Raises FrankaArmCommException when there is none.
+        """
+        self._address = address
+        self._lock = threading.Lock()
+        self._socket: zmq.Socket | None = None
+        self.truth()
+
+    # --- what is so -------------------------------------------------------------------------------------------------
+
+    def truth(self) -> Truth:
+        """Return what is really so now."""
+        message = self._ask(get_truth=proto.GetTruth()).truth
+        values = {
+            name: np.array(getattr(message, name))
+            for name in ("q", "dq", "ddq", "tau_motor", "tau_J", "finger", "finger_force", "contact_wrench", "push")
+        }
+        paused = proto.Pause.Kind.Name(message.paused).lower() if message.HasField("paused") else None
+        return Truth(
+            cycle=message.cycle,
+            message_id=message.message_id,
+            time=message.time,
+            moving=message.moving,
+            O_T_TCP=np.array(message.O_T_TCP).reshape(4, 4).T,
+            objects={thing.name: _matrix(thing.pose) for thing in message.objects},
+            paused=paused,
+            late_cycles=message.late_cycles,
+            worst_delay=message.worst_delay,
+            **values,
+        )
+
+    def image(self, camera: str | None = None, width: int = 640, height: int = 480) -> tuple[np.ndarray, np.ndarray]:
+        """Return colour (height, width, 3; uint8) and depth (height, width; float32, m) as a camera sees the scene.
+
+        `camera` is one of the scene, or "wrist" on the arm's hand; None: a view of the whole arm. Depth is measured
+        along the camera's axis, infinite where nothing is. The arm does not wait for the picture; the first takes a
+        second, others some 0.1 s.
+        """
+        call = proto.TakeImage(width=_integer("width", width), height=_integer("height", height))
+        if camera is not None:
+            call.camera = camera
+        image = self._ask(take_image=call).image
+        shape = (image.height, image.width)
+        colour = np.frombuffer(image.colour, np.uint8).reshape(*shape, 3).copy()
+        return colour, np.frombuffer(image.depth, "<f4").reshape(shape).copy()
+
+    # --- people and things ------------------------------------------------------------------------------------------
+
+    def push(
+        self, wrench: ArrayLike, duration: float, point: ArrayLike | None = None, link: int | None = None
+    ) -> None:
+        """Push the arm with force and moment (6,; N, N m; axes of O) for `duration` (s).
+
+        At `point` (3,; m in O), which goes with the link from then on; None: the tool centre, or the origin of the
+        link. `link`: 0 to 7; None: the hand. Takes the place of an earlier push.
+        """
+        self._ask(
+            push=proto.Push(
+                wrench=vector("wrench", wrench, 6), duration=number("duration", duration), at=_hold(point, link)
+            )
+        )
+
+    def hand(
+        self,
+        positions: ArrayLike,
+        times: ArrayLike,
+        duration: float | None = None,
+        stiffness: float = 500.0,
+        damping: float = 30.0,
+        max_force: float = 100.0,
+        point: ArrayLike | None = None,
+        link: int | None = None,
+    ) -> None:
+        """Take the arm by the hand: a spring and a damper to a point that moves.
+
+        Args:
+            positions: (n, 3) or (3,), m in O: where that point goes, straight and evenly from where the arm is.
+            times: (n,) or one, s from now: when it is there.
+            duration: s, after which the hand lets go; None: with the last of `times`.
+            stiffness: N/m.
+            damping: N s/m.
+            max_force: N.
+            point, link: where it takes hold, as in push().
+        """
+        when = np.atleast_1d(np.asarray(times, dtype=float))
+        where = np.asarray(positions, dtype=float)
+        if when.ndim != 1 or where.shape not in ((when.size, 3), (3,) if when.size == 1 else None):
+            raise FrankaArmArgumentError(
+                f"positions has the shape {where.shape} and times {when.shape}: expected (n, 3) and (n,)"
+            )
+        self._ask(
+            pull=proto.Pull(
+                times=when,
+                positions=where.ravel(),
+                duration=number("duration", when[-1] if duration is None and when.size else duration),
+                stiffness=number("stiffness", stiffness),
+                damping=number("damping", damping),
+                max_force=number("max_force", max_force),
+                at=_hold(point, link),
+            )
+        )
+
+    def move_object(self, name: str, pose: RigidTransform | ArrayLike) -> None:
+        """Put an object there, at rest. `pose`: RigidTransform, (4, 4), or (3,) for a position alone."""
+        position, quaternion = _pose(pose)
+        self._ask(move_object=proto.MoveObject(name=name, position=position, quaternion=quaternion))
+
+    def add_object(
+        self,
+        name: str,
+        shape: str,
+        size: ArrayLike,
+        mass: float,
+        pose: RigidTransform | ArrayLike,
+        friction: float = 0.6,
+        colour: ArrayLike = (0.9, 0.33, 0.16),
+    ) -> None:
+        """Add a thing to the scene; the clock of the simulation waits for it, some 0.1 s.
+
+        Args:
+            name: of letters, digits, _ and -.
+            shape: "box" with its three sides as `size`, "sphere" with its radius, "cylinder" or "capsule" with radius
+                and length along z (of a capsule without the caps).
+            size: m.
+            mass: kg; 0: it does not move.
+            pose: as in move_object().
+            friction: sliding, against things of the scene; the arm's fingers and links keep their own.
+            colour: red, green, blue from 0 to 1.
+        """
+        shapes = {kind.lower(): value for kind, value in proto.AddObject.Shape.items()}
+        if shape not in shapes:
+            raise FrankaArmArgumentError(f"shape is {shape!r}: expected one of {', '.join(shapes)}")
+        position, quaternion = _pose(pose)
+        sizes = np.atleast_1d(np.asarray(size, dtype=float)).ravel()
+        self._ask(
+            add_object=proto.AddObject(
+                name=name, shape=shapes[shape], size=sizes, mass=number("mass", mass), position=position,
+                quaternion=quaternion, friction=number("friction", friction), colour=vector("colour", colour, 3),
+            )
+        )  # fmt: skip
+
+    def set_friction(self, name: str, friction: float) -> None:
+        """Set the sliding friction of a body's or geom's contacts with everything, the arm's fingers included."""
+        self._ask(set_friction=proto.SetFriction(name=name, friction=number("friction", friction)))
+
+    # --- the robot ---------------------------------------------------------------------------------------------------
+
+    def user_stop(self, pressed: bool = True) -> None:
+        """Press or release the user stop (external activation device)."""
+        self._press(proto.PressButton.USER_STOP, pressed)
+
+    def enabling_device(self, held: bool) -> None:
+        """Hold or let go the enabling device; it is held unless let go."""
+        self._press(proto.PressButton.ENABLING_DEVICE, held)
+
+    def guide(self, pressed: bool = True) -> None:
+        """Press or release the guiding buttons at the hand; they act while the user stop is pressed, as on the robot."""
+        self._press(proto.PressButton.GUIDING, pressed)
+
+    def inject(self, error: str) -> None:
+        """Raise an error of the robot as if there were reason to; `error`: its name as in current_errors."""
+        self._ask(inject_error=proto.InjectError(name=error))
+
+    def network(
+        self,
+        loss_in: float = 0.0,
+        loss_out: float = 0.0,
+        delayed_in: float = 0.0,
+        delayed_out: float = 0.0,
+        delay_in: float = 0.0,
+        delay_out: float = 0.0,
+        seed: int = 1,
+    ) -> None:
+        """Make the network of the robot's datagrams bad, while motions run; without arguments it is good again.
+
+        Args:
+            loss_in: share of commands (into the arm) that are lost, 0 to 1.
+            loss_out: share of states (out of the arm).
+            delayed_in: share of commands that are delayed, of those not lost.
+            delayed_out: share of states.
+            delay_in: s, by which.
+            delay_out: s.
+            seed: of the draw.
+        """
+        way = proto.SetNetwork.Way
+        self._ask(
+            set_network=proto.SetNetwork(
+                to_arm=way(loss=number("loss_in", loss_in), delayed=number("delayed_in", delayed_in),
+                           delay=number("delay_in", delay_in)),
+                from_arm=way(loss=number("loss_out", loss_out), delayed=number("delayed_out", delayed_out),
+                             delay=number("delay_out", delay_out)),
+                seed=_integer("seed", seed),
+            )
+        )  # fmt: skip
+
+    # --- time --------------------------------------------------------------------------------------------------------
+
+    def pause(self, between_motions: bool = False) -> None:
+        """Let the world stand still, of all arms that share it.
+
+        The robot goes on telling its state, so its client stays. With `between_motions` the world goes on over the
+        cycles in which the arm or the hand does something. Without, a motion under way waits as well, with its client:
+        for as long as that one waits for the next state (libfranka: any time, franka-interface: 1 s).
+        """
+        kind = proto.Pause.BETWEEN_MOTIONS if between_motions else proto.Pause.ALL
+        self._ask(pause=proto.Pause(kind=kind))
+
+    def step(self, cycles: int = 1) -> None:
+        """While paused, let so many cycles (ms) of the world go by, and return when they have."""
+        self._ask(step=proto.StepCycles(cycles=_integer("cycles", cycles)))
+
+    def resume(self) -> None:
+        """End any pause."""
+        self._ask(resume=proto.Resume())
+
+    def save(self) -> int:
+        """Keep world, robot and gripper as they are now, while no motion runs; returns a number for restore()."""
+        return self._ask(save=proto.SaveMoment()).moment
+
+    def restore(self, moment: int) -> None:
+        """Go back to a moment that was saved, while no motion runs.
+
+        Its settings, errors and gripper too; the robot's message_id and its client's connection go on. Frictions stay
+        as they are, and when objects were added since, the moment is refused.
+        """
+        self._ask(restore=proto.RestoreMoment(moment=_integer("moment", moment)))
+
+    def disconnect(self) -> None:
+        """Close the channel; the next call opens it again."""
+        with self._lock:
+            self._drop()
+
+    def _press(self, button: int, pressed: bool) -> None:
+        self._ask(press_button=proto.PressButton(button=button, pressed=bool(pressed)))
+
+    def _ask(self, **call: object) -> proto.SimulationReply:
+        request = proto.SimulationCall(**call)
+        validate(request)
+        patience = _PATIENCE
+        if request.HasField("step"):
+            patience += request.step.cycles * _SLOWEST_CYCLE
+        elif request.HasField("take_image"):
+            patience += _DRAWING
+        with self._lock:
+            if self._socket is None:
+                self._socket = zmq.Context.instance().socket(zmq.REQ)
+                self._socket.linger = 0
+                self._socket.connect(f"tcp://{self._address}:{CONTROL_PORT}")
+            self._socket.send(request.SerializeToString())
+            if not self._socket.poll(patience * 1000):
+                self._drop()
+                raise FrankaArmCommException(
+                    f"No simulated arm answers on {self._address}:{CONTROL_PORT} within {patience:g} s: does fci-sim run "
+                    "there?"
+                )
+            reply = proto.SimulationReply.FromString(self._socket.recv())
+        if reply.HasField("error"):
+            raise FrankaArmArgumentError(reply.error)
+        return reply
+
+    def _drop(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+class Simulation(ControlChannel):
     """Simulated arms with a server; a context manager.
 
-    `server` is what FrankaArm wants to know; `addresses` are those of the arms, in the order of robot_num.
+    `server` is what FrankaArm wants to know; `addresses` are those of the arms, in the order of robot_num, and `arms`
+    the control of each. What ControlChannel offers is for the first of them here: `sim.push(...)` is
+    `sim.arms[0].push(...)`.
     """
 
     def __init__(
@@ -65,15 +390,21 @@ class Simulation:
         port: int = 0,
         listen: str = "127.0.0.1",
         hold_time: float | None = None,
+        load: Sequence[str | os.PathLike[str]] = (),
+        record: str | None = None,
+        recordings: str | os.PathLike[str] | None = None,
         log: IO[str] | None = None,
     ) -> None:
         """Start, and wait until every arm is ready; without `arms`, one FR3.
 
         Args:
-            arms: one each.
+            arms: one process each.
             port: of the server; 0: a free one.
             listen: address of the server.
             hold_time: s that the server keeps a motion with nothing to do; None: its default.
+            load: libraries of parts of one's own (`frankapy new`).
+            record: what the server records: "off", "errors", "skills" or "always"; None: its default, errors.
+            recordings: folder of its recordings; None: its default.
             log: where both programs write; None: nowhere, but into the exception when they fail.
 
         Raises FrankaArmException which says what a program wrote when it did not start.
@@ -81,11 +412,18 @@ class Simulation:
         self._children: list[_Child] = []
         self._folder = tempfile.TemporaryDirectory(prefix="frankapy-")
         self._log = log
+        self.arms: list[ControlChannel] = []
         try:
             self.addresses: list[str] = []
+            self._loops: list[str] = []  # what the server's configuration says of the loop of each address
             for arm in arms or (SimulatedArm(),):
-                self.addresses.append(self._start_arm(arm))
-            self.server = self._start_server(listen, port, hold_time)
+                own, loop = self._pair(arm)
+                addresses = self._start_arm(arm, own)
+                self.addresses += addresses
+                self._loops += [loop] * len(addresses)
+            super().__init__(self.addresses[0])
+            self.arms += [self, *(ControlChannel(address) for address in self.addresses[1:])]
+            self.server = self._start_server(listen, port, hold_time, load, record, recordings)
             self._wait_until_ready()
         except BaseException:
             self.close()
@@ -93,6 +431,8 @@ class Simulation:
 
     def close(self) -> None:
         """End the server, then the arms."""
+        for arm in self.arms:
+            arm.disconnect()
         while self._children:
             self._children.pop().stop()
         self._folder.cleanup()
@@ -115,36 +455,65 @@ class Simulation:
     ) -> None:
         self.close()
 
-    def _start_arm(self, arm: SimulatedArm) -> str:
-        address = arm.address or free_address()
+    def _start_arm(self, arm: SimulatedArm, processor: int | None) -> list[str]:
+        # Its last line of those that say where an arm is tells that all are ready.
+        address = arm.address or free_address(arm.arms or 16)
         command = [program("fci-sim"), "--robot", arm.robot, "--listen", address, "--protocol", str(arm.protocol)]
         command += ["--lockstep"] * arm.lockstep + ["--ideal"] * arm.ideal
+        command += ["--speed", str(arm.speed), "--seed", str(arm.seed)]
+        if arm.arms is not None:
+            command += ["--arms", str(arm.arms)]
+        if arm.paused_between_motions:
+            command += ["--pause", "between-motions"]
         if arm.scene is not None:
             command += ["--scene", os.fspath(arm.scene)]
         if arm.truth is not None:
             command += ["--truth", os.fspath(arm.truth)]
-        child = _Child([*command, *arm.more], self._log)
+        child = _Child([*command, *arm.more], self._log, processor)
         self._children.append(child)
+        addresses: list[str] = []
         deadline = time.monotonic() + _START_TIME
-        while not (_is_listening(address, FCI_PORT) and _is_listening(address, GRIPPER_PORT)):
+        while (line := child.first_line("fci-sim: ")) != "fci-sim: ready":
             child.check()
+            if line and (found := re.search(rf" on ([0-9.]+):{FCI_PORT}, ", line)):
+                addresses.append(found[1])
             if time.monotonic() > deadline:
                 raise FrankaArmException(
-                    f"fci-sim does not listen on {address} after {_START_TIME:.0f} s.{child.tail()}"
+                    f"fci-sim is not ready on {address} after {_START_TIME:.0f} s.{child.tail()}"
                 )
-            time.sleep(0.01)
-        return address
+        return addresses
 
-    def _start_server(self, listen: str, port: int, hold_time: float | None) -> str:
+    def _pair(self, arm: SimulatedArm) -> tuple[int | None, str]:
+        # In lockstep arm and loop work by turns and poll for each other: a processor for each.
+        if not arm.lockstep:
+            return None, ""
+        processors = sorted(os.sched_getaffinity(0))
+        if len(processors) < 2:
+            return None, "lockstep = true\n"
+        first = len(self.addresses)
+        loop = processors[(first + 1) % len(processors)]
+        return processors[first % len(processors)], f"lockstep = true\nprocessor = {loop}\n"
+
+    def _start_server(
+        self,
+        listen: str,
+        port: int,
+        hold_time: float | None,
+        load: Sequence[str | os.PathLike[str]],
+        record: str | None,
+        recordings: str | os.PathLike[str] | None,
+    ) -> str:
         config = Path(self._folder.name) / "arms.toml"
-        text = ""
-        for i, address in enumerate(self.addresses, 1):
-            text += f'[[arm]]\nname = "arm{i}"\naddress = "{address}"\n'
+        text = f"load = {json.dumps([os.path.abspath(path) for path in load])}\n"
+        for i, (address, loop) in enumerate(zip(self.addresses, self._loops, strict=True), 1):
+            text += f'[[arm]]\nname = "arm{i}"\naddress = "{address}"\n{loop}'
             if hold_time is not None:
                 text += f"hold_time = {float(hold_time)}\n"
         config.write_text(text)
-        child = _Child([program("franka-interface"), "--config", str(config), "--listen", listen, "--port", str(port)],
-                       self._log)  # fmt: skip
+        command = [program("franka-interface"), "--config", str(config), "--listen", listen, "--port", str(port)]
+        command += ["--record", record] if record else []
+        command += ["--recordings", os.fspath(recordings)] if recordings else []
+        child = _Child(command, self._log)
         self._children.append(child)
         deadline = time.monotonic() + _START_TIME
         prefix = "listening on tcp://"
@@ -174,12 +543,18 @@ class Simulation:
 class _Child:
     """A program that ends with this one, and what it writes."""
 
-    def __init__(self, command: Sequence[str], log: IO[str] | None) -> None:
+    def __init__(self, command: Sequence[str], log: IO[str] | None, processor: int | None = None) -> None:
         self.name = Path(command[0]).name
         self._log = log
         self._lines: list[str] = []
         self._first: queue.SimpleQueue[str] = queue.SimpleQueue()
         libc = ctypes.CDLL(None)
+
+        def before_start() -> None:
+            libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)  # when the script is killed
+            if processor is not None:
+                os.sched_setaffinity(0, {processor})
+
         self.process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -188,7 +563,7 @@ class _Child:
             text=True,
             errors="replace",
             start_new_session=True,  # Ctrl-C is for the script, which then ends its children
-            preexec_fn=lambda: libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM),  # when the script is killed
+            preexec_fn=before_start,
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -251,16 +626,18 @@ def program(name: str) -> str:
     )
 
 
-def free_address() -> str:
-    """Return a loopback address on which the ports of a robot are free."""
+def free_address(arms: int = 1) -> str:
+    """Return a loopback address on which, and on those that follow, the ports of a robot are free."""
     generator = random.SystemRandom()
     for _ in range(100):
-        address = f"127.{generator.randrange(1, 255)}.{generator.randrange(0, 255)}.{generator.randrange(2, 255)}"
+        start = f"127.{generator.randrange(1, 255)}.{generator.randrange(0, 255)}."
+        first = generator.randrange(2, 255 - arms)
         try:
-            for port in (FCI_PORT, GRIPPER_PORT):
-                with socket.socket() as probe:
-                    probe.bind((address, port))
-            return address
+            for last in range(first, first + arms):
+                for port in (FCI_PORT, GRIPPER_PORT, CONTROL_PORT):
+                    with socket.socket() as probe:
+                        probe.bind((f"{start}{last}", port))
+            return f"{start}{first}"
         except OSError:
             continue
     raise FrankaArmException("No free address in 127.0.0.0/8 was found in 100 attempts.")
@@ -269,8 +646,9 @@ def free_address() -> str:
 def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: float = 10.0) -> np.ndarray:
     """Return what fci-sim wrote with --truth: a structured array, one row for each cycle; SI units, base frame.
 
-    It is written once a second. With `until` (a message_id) this waits until that cycle is in the file, at most
-    `timeout` (s) for a row to come; FrankaArmException when it does not.
+    It is written every 100 cycles. With `until` (a cycle: the robot's message_id where the world never stood still,
+    else Truth.cycle) this waits until that cycle is in the file, at most `timeout` (s) for a row to come;
+    FrankaArmException when it does not.
     """
     deadline = time.monotonic() + timeout
     while True:
@@ -278,7 +656,7 @@ def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: 
             rows = np.load(path)
         except (EOFError, ValueError):  # not even its header is there
             rows = None
-        if rows is not None and (until is None or (len(rows) and rows["message_id"][-1] >= until)):
+        if rows is not None and (until is None or (len(rows) and rows["cycle"][-1] >= until)):
             return rows
         if time.monotonic() > deadline:
             raise FrankaArmException(
@@ -287,10 +665,34 @@ def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: 
         time.sleep(0.05)
 
 
-def _is_listening(address: str, port: int) -> bool:
-    """Return whether somebody listens there, without connecting: the arm takes one client."""
-    place = "".join(f"{int(byte):02X}" for byte in reversed(address.split("."))) + f":{port:04X}"
-    everywhere = f"00000000:{port:04X}"
-    with open("/proc/net/tcp") as table:
-        rows = [row.split() for row in table.readlines()[1:]]
-    return any(row[1] in (place, everywhere) and row[3] == "0A" for row in rows)
+def _hold(point: ArrayLike | None, link: int | None) -> proto.Hold:
+    at = proto.Hold()
+    if point is not None:
+        at.point.extend(vector("point", point, 3))
+    if link is not None:
+        at.link = _integer("link", link)
+    return at
+
+
+def _pose(pose: RigidTransform | ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Return position and quaternion (w, x, y, z)."""
+    if not hasattr(pose, "quaternion"):
+        array = np.asarray(pose, dtype=float)
+        if array.shape == (4, 4):
+            pose = RigidTransform(rotation=array[:3, :3], translation=array[:3, 3])
+        elif array.shape == (3,):
+            pose = RigidTransform(translation=array)
+        else:
+            raise FrankaArmArgumentError(f"pose has the shape {array.shape}: expected (4, 4), or (3,) for a position")
+    return np.asarray(pose.translation), np.asarray(pose.quaternion)
+
+
+def _matrix(pose: Sequence[float]) -> np.ndarray:
+    return RigidTransform(rotation=np.array(pose[3:]), translation=np.array(pose[:3])).matrix
+
+
+def _integer(name: str, value: int) -> int:
+    whole = int(number(name, value))
+    if whole != value or whole < 0:
+        raise FrankaArmArgumentError(f"{name} is {value!r}: expected a whole number, 0 or more")
+    return whole

@@ -7,17 +7,36 @@ from collections.abc import Sequence
 from google.protobuf.message import Message
 
 from frankapy import proto
-from frankapy.validation import validate
+from frankapy.exceptions import FrankaArmArgumentError
+from frankapy.validation import number, validate
 
 
 def make_skill(
-    trajectory: Message, controller: Message, terminations: Sequence[Message] = (), description: str = ""
+    trajectory: Message,
+    controller: Message,
+    terminations: Sequence[Message] = (),
+    description: str = "",
+    robot_controller: str = "auto",
+    speed: float = 1,
+    start_time: float | None = None,
 ) -> proto.Skill:
     """Put one trajectory, one controller and any number of terminations into a skill, after checking each.
 
     Raises FrankaArmArgumentError which names the field that breaks its rule.
     """
-    skill = proto.Skill(description=description)
+    names = proto.RobotController.keys()
+    if robot_controller.upper() not in names:
+        raise FrankaArmArgumentError(
+            f"robot_controller is {robot_controller!r}: expected one of {', '.join(names).lower()}"
+        )
+    skill = proto.Skill(
+        description=description,
+        robot_controller=proto.RobotController.Value(robot_controller.upper()),
+        speed=number("speed", speed),
+    )
+    if start_time is not None:
+        skill.start_time = number("start_time", start_time)
+    validate(skill)
     validate(trajectory)
     skill.trajectory.Pack(trajectory)
     validate(controller)

@@ -5,11 +5,12 @@ The server checks the same again; here an error is found without a server, and a
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
 import numpy as np
-from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import Message
 
 from frankapy.exceptions import FrankaArmArgumentError
@@ -52,15 +53,43 @@ def vector(name: str, value: Any, size: int) -> np.ndarray:
     return array
 
 
+def table(name: str, value: Any, columns: int) -> np.ndarray:
+    """Return `value` as a new float64 array of shape (n, columns), n at least 1; one row may be given without brackets.
+
+    Raises FrankaArmArgumentError when it has another shape, or elements that are no finite numbers.
+    """
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected rows of {columns} numbers") from None
+    if array.shape == (columns,):
+        array = array[None]
+    if array.ndim != 2 or array.shape[1] != columns or not len(array):
+        raise FrankaArmArgumentError(f"{name} has the shape {array.shape}: expected (n, {columns})")
+    if not np.isfinite(array).all():
+        row, column = np.argwhere(~np.isfinite(array))[0]
+        raise FrankaArmArgumentError(f"{name}[{row}, {column}] is {_text(array[row, column])}: expected a finite number")
+    return array
+
+
+def numbers(name: str, value: Any) -> np.ndarray:
+    """Return `value`, of any shape, as a new flat float64 array.
+
+    Raises FrankaArmArgumentError when an element is no finite number.
+    """
+    try:
+        array = np.array(value, dtype=float).ravel()
+    except (TypeError, ValueError):
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected numbers") from None
+    return vector(name, array, array.size)
+
+
 def validate(message: Message) -> None:
     """Check a message and all messages in it (not inside an Any) by the rules of their fields.
 
     Raises FrankaArmArgumentError which names message, field and element, what was given and what was expected.
     """
-    for field in message.DESCRIPTOR.fields:
-        rule = field.GetOptions().Extensions[rules_pb2.rule]
-        name = f"{message.DESCRIPTOR.name}.{field.name}"
-        repeated = _is_repeated(field)
+    for field, name, rule, repeated in _rules(message.DESCRIPTOR):
         given = len(getattr(message, field.name)) > 0 if repeated else message.HasField(field.name)
         if field.cpp_type == FieldDescriptor.CPPTYPE_MESSAGE:
             if given:
@@ -70,7 +99,8 @@ def validate(message: Message) -> None:
             elif rule.required:
                 raise FrankaArmArgumentError(f"{name} is missing")
         elif field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
-            continue
+            if rule.required and not getattr(message, field.name):
+                raise FrankaArmArgumentError(f"{name} is missing: expected a text")
         elif repeated:
             if given or (rule.required and not rule.initial):
                 _check_elements(name, getattr(message, field.name), rule)
@@ -80,16 +110,37 @@ def validate(message: Message) -> None:
             raise FrankaArmArgumentError(f"{name} is missing: expected a number{_in_brackets(rule)}")
 
 
+@functools.cache
+def _rules(descriptor: Descriptor) -> list[tuple[FieldDescriptor, str, rules_pb2.FieldRule, bool]]:
+    """Return the fields of a message with their names for people, their rules, and whether they are lists."""
+    return [
+        (field, f"{descriptor.name}.{field.name}", field.GetOptions().Extensions[rules_pb2.rule], is_repeated(field))
+        for field in descriptor.fields
+        if field.message_type is None or field.message_type.full_name != "google.protobuf.Any"
+    ]
+
+
 def _check_elements(name: str, values: Any, rule: rules_pb2.FieldRule) -> None:
-    if rule.size and len(values) != rule.size:
-        raise FrankaArmArgumentError(f"{name} has {len(values)} elements: expected {rule.size}{_in_brackets(rule)}")
-    for i, value in enumerate(values):
-        _check_value(f"{name}[{i}]", value, rule)
-    if rule.unit_norm and abs((norm := math.hypot(*values)) - 1) > UNIT_NORM_TOLERANCE:
+    wrong = len(values) != rule.size if rule.size else not len(values) or (rule.row and len(values) % rule.row)
+    if wrong:
+        expected = rule.size or (f"rows of {rule.row}" if rule.row else "at least 1")
+        raise FrankaArmArgumentError(f"{name} has {len(values)} elements: expected {expected}{_in_brackets(rule)}")
+    if rule.row and rule.max_rows and len(values) // rule.row > rule.max_rows:
         raise FrankaArmArgumentError(
-            f"{name} has the norm {norm:.6g}: expected a unit quaternion{_in_brackets(rule)}, "
-            f"1 within {UNIT_NORM_TOLERANCE}"
+            f"{name} has {len(values) // rule.row} rows: expected at most {rule.max_rows}"
         )
+    array = np.fromiter(values, dtype=float, count=len(values))
+    lower = rule.min if rule.HasField("min") else -np.inf
+    upper = rule.max if rule.HasField("max") else np.inf
+    for i in np.flatnonzero(~(np.isfinite(array) & (lower <= array) & (array <= upper)))[:1]:
+        _check_value(f"{name}[{i}]", float(array[i]), rule)
+    if rule.unit_norm:
+        norms = np.linalg.norm(array.reshape(-1, rule.row or len(array)), axis=1)
+        for row in np.flatnonzero(np.abs(norms - 1) > UNIT_NORM_TOLERANCE)[:1]:
+            raise FrankaArmArgumentError(
+                f"{f'row {row} of ' if rule.row else ''}{name} has the norm {norms[row]:.6g}: expected a unit quaternion"
+                f"{_in_brackets(rule)}, 1 within {UNIT_NORM_TOLERANCE}"
+            )
 
 
 def _check_value(name: str, value: float, rule: rules_pb2.FieldRule) -> None:
@@ -110,7 +161,8 @@ def _in_brackets(rule: rules_pb2.FieldRule) -> str:
     return f" ({rule.unit})" if rule.unit else ""
 
 
-def _is_repeated(field: FieldDescriptor) -> bool:
+def is_repeated(field: FieldDescriptor) -> bool:
+    """Return whether a field is a list."""
     # `label` is going away in newer protobuf, `is_repeated` is not there in older.
     try:
         return bool(field.is_repeated)
@@ -122,3 +174,9 @@ def _text(value: float) -> str:
     """Write a number as the server does: shortest digits, no ".0"."""
     text = repr(float(value))
     return text.removesuffix(".0")
+
+
+def _short(value: Any) -> str:
+    """Write anything, not all of what is long."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

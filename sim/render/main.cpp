@@ -1,7 +1,5 @@
 // fci-render: pictures of a run, from its truth file, as one strip. Draws off screen, without display or GPU.
 
-#include <GL/osmesa.h>
-#include <mujoco/mujoco.h>
 #include <png.h>
 
 #include <CLI/CLI.hpp>
@@ -16,13 +14,12 @@
 #include <stdexcept>
 #include <vector>
 
-#include "sim/scene.hpp"
+#include "sim/render/camera.hpp"
 
 namespace sim {
 namespace {
 
-constexpr int kSamples = 2;  // drawn pixels per pixel, each way, against jagged edges
-constexpr int kGap = 6;      // pixels between two pictures
+constexpr int kGap = 6;  // pixels between two pictures
 
 struct Run {
   std::vector<double> time;  // s
@@ -95,28 +92,6 @@ std::vector<double> moments(const Run& run, int count) {
   return times;
 }
 
-// An OpenGL context in memory.
-class OffScreen {
- public:
-  OffScreen(int width, int height) : buffer_(4u * width * height) {
-    context_ = OSMesaCreateContextExt(OSMESA_RGBA, 24, 8, 8, nullptr);
-    if (!context_ || !OSMesaMakeCurrent(context_, buffer_.data(), GL_UNSIGNED_BYTE, width, height)) {
-      throw std::runtime_error("OSMesa gives no context to draw " + std::to_string(width) + " x " +
-                               std::to_string(height) + " pixels in");
-    }
-  }
-  ~OffScreen() { OSMesaDestroyContext(context_); }
-
- private:
-  std::vector<unsigned char> buffer_;
-  OSMesaContext context_ = nullptr;
-};
-
-struct Picture {
-  int width, height;
-  std::vector<unsigned char> rgb;  // rows from the top
-};
-
 void write_png(const std::string& path, const Picture& picture) {
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
@@ -128,75 +103,18 @@ void write_png(const std::string& path, const Picture& picture) {
   }
 }
 
-void light(mjVisual& visual, int width, int height) {
-  for (int i = 0; i < 3; ++i) {
-    visual.headlight.ambient[i] = 0.36f;
-    visual.headlight.diffuse[i] = 0.22f;
-    visual.headlight.specular[i] = 0.05f;
-  }
-  visual.quality.shadowsize = 2048;
-  visual.map.znear = 0.02f;
-  visual.global.offwidth = width;
-  visual.global.offheight = height;
-  visual.global.fovy = 38;
-}
-
-Picture draw(mjModel* model, const Run& run, const std::vector<double>& times, bool meshes, int width, int height) {
-  const int w = width * kSamples, h = height * kSamples;
-  light(model->vis, w, h);
-  OffScreen screen(w, h);
-  DataPtr data(mj_makeData(model));
-  mjvScene scene;
-  mjv_defaultScene(&scene);
-  mjv_makeScene(model, &scene, 2000);
-  mjrContext context;
-  mjr_defaultContext(&context);
-  mjr_makeContext(model, &context, mjFONTSCALE_100);
-  mjr_setBuffer(mjFB_OFFSCREEN, &context);
-
-  mjvOption option;
-  mjv_defaultOption(&option);
-  option.geomgroup[kVisualGroup] = 1;
-  option.geomgroup[kCollisionGroup] = !meshes;
-  std::fill(std::begin(option.sitegroup), std::end(option.sitegroup), mjtByte{0});
-
-  mjvCamera camera;
-  mjv_defaultCamera(&camera);
-  const int base = mj_name2id(model, mjOBJ_SITE, kArmSite);
-  mju_copy3(camera.lookat, model->site_pos + 3 * base);
-  camera.lookat[0] += 0.27;
-  camera.lookat[2] += 0.28;
-  camera.distance = 1.7;
-  camera.azimuth = 138;
-  camera.elevation = -20;
-
+Picture draw(Camera& camera, const Run& run, const std::vector<double>& times, int width, int height) {
   const int count = static_cast<int>(times.size());
-  Picture strip{count * width + (count - 1) * kGap, height, {}};
+  Picture strip{count * width + (count - 1) * kGap, height, {}, {}};
   strip.rgb.assign(3u * strip.width * height, 255);
-  std::vector<unsigned char> pixels(3u * w * h);
   for (int i = 0; i < count; ++i) {
     const std::size_t row = run.row_at(times[i]);
-    std::copy_n(run.qpos.begin() + row * run.nq, run.nq, data->qpos);
-    mj_forward(model, data.get());
-    mjv_updateScene(model, data.get(), &option, nullptr, &camera, mjCAT_ALL, &scene);
-    mjr_render({0, 0, w, h}, &scene, &context);
-    mjr_readPixels(pixels.data(), nullptr, {0, 0, w, h}, &context);  // rows from the bottom
+    const Picture picture = camera.take(std::span(run.qpos).subspan(row * run.nq, run.nq));
     for (int y = 0; y < height; ++y) {
-      for (int x = 0; x < 3 * width; ++x) {
-        int sum = 0;
-        for (int sy = 0; sy < kSamples; ++sy) {
-          for (int sx = 0; sx < kSamples; ++sx) {
-            const int from_y = h - 1 - (y * kSamples + sy), from_x = x / 3 * kSamples + sx;
-            sum += pixels[3 * (from_y * w + from_x) + x % 3];
-          }
-        }
-        strip.rgb[3 * (y * strip.width + i * (width + kGap)) + x] =
-            static_cast<unsigned char>(sum / (kSamples * kSamples));
-      }
+      std::copy_n(picture.rgb.begin() + 3 * y * width, 3 * width,
+                  strip.rgb.begin() + 3 * (y * strip.width + i * (width + kGap)));
     }
   }
-  mjr_freeContext(&context);
-  mjv_freeScene(&scene);
   return strip;
 }
 
@@ -205,7 +123,8 @@ Picture draw(mjModel* model, const Run& run, const std::vector<double>& times, b
 
 int main(int argc, char** argv) {
   CLI::App app("Draws a run of the simulated arm, from the file that fci-sim --truth wrote, as a strip of pictures.");
-  std::string robot = "fr3", scene, truth, output = "arm.png", meshes = FRANKA_MESHES;
+  app.footer("Looks for FR3's meshes in $FRANKA_MESHES; without them the arm is drawn as capsules.");
+  std::string robot = "fr3", scene, truth, output = "arm.png";
   std::vector<double> times;
   int width = 420, height = 460;
   app.add_option("--truth,truth", truth, "what to draw")->required();
@@ -215,22 +134,21 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->allow_extra_args(false);
   app.add_option("--out,--output", output, "PNG file to write")->capture_default_str();
-  app.add_option("--meshes", meshes, "folder of FR3's meshes; without them the arm is drawn as capsules")
-      ->envname("FRANKA_MESHES")
-      ->capture_default_str();
   app.add_option("--width", width, "pixels of one picture")->check(CLI::Range(16, 4096))->capture_default_str();
   app.add_option("--height", height, "pixels of one picture")->check(CLI::Range(16, 4096))->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {
-    if (!std::filesystem::is_directory(meshes)) meshes.clear();
+    const std::string meshes = sim::meshes_folder();
     const sim::Run run = sim::read_truth(truth);
-    const sim::ModelPtr model = sim::build_scene(models::arm(robot), true, scene, 1e-3, meshes);
+    const std::vector<const models::Arm*> arms(sim::arms_in_scene(scene), &models::arm(robot));
+    sim::ModelPtr model = sim::with_meshes(sim::build_scene(arms, true, scene).spec.get(), arms.size(), meshes);
     if (static_cast<std::size_t>(model->nq) != run.nq) {
       throw std::runtime_error(truth + " has " + std::to_string(run.nq) + " joint coordinates, this arm and scene " +
                                std::to_string(model->nq) + ": give --robot and --scene as they were given to fci-sim");
     }
     if (times.empty()) times = sim::moments(run, 6);
-    sim::write_png(output, sim::draw(model.get(), run, times, !meshes.empty(), width, height));
+    sim::Camera camera(std::move(model), !meshes.empty(), width, height);
+    sim::write_png(output, sim::draw(camera, run, times, width, height));
   } catch (const std::exception& error) {
     std::cerr << "fci-render: " << error.what() << '\n';
     return 1;

@@ -5,7 +5,7 @@
 
 namespace bridge {
 
-// One object on its way through the door, newest wins. Any thread may put, one takes; neither waits.
+// One object on its way through the door, newest wins. Any thread may put and take; neither waits.
 template <class T>
 class Slot {
  public:

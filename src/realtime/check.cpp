@@ -16,4 +16,9 @@ void require_within(const std::string& field, int index, double value, double mi
   throw std::invalid_argument(text.str());
 }
 
+const std::string& require_topic(const std::string& topic) {
+  if (!topic.empty() && topic.size() <= 256) return topic;
+  throw std::invalid_argument("topic has " + std::to_string(topic.size()) + " bytes: expected the name of a topic, 1 to 256");
+}
+
 }  // namespace realtime

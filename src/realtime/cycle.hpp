@@ -9,7 +9,7 @@ namespace realtime {
 // What a component of a skill sees in one cycle.
 struct Cycle {
   const fci::RobotState& state;
-  const Model& model;       // updated for state.q, state.dq
+  const Model& model;       // updated for q and dq while the robot takes torques
   double time = 0;          // s of the robot's clock since the reference that the skill began from
   double dt = 0.001;        // s since the cycle before; more than 1 ms when states were lost
   Vector7 q = Vector7::Zero(), dq = Vector7::Zero();         // measured

@@ -2,10 +2,13 @@
 
 #include <atomic>
 #include <cstdint>
+#include <utility>
 
 #include "bridge/queue.hpp"
+#include "bridge/ring.hpp"
 #include "bridge/slot.hpp"
 #include "realtime/skill.hpp"
+#include "realtime/walls/wall_guard.hpp"
 #include "wire/fci/robot_command.hpp"
 
 namespace realtime {
@@ -49,7 +52,14 @@ struct RecoveryResult {
 // Everything that passes between the two rooms. The server room writes the first half, the loop the
 // second.
 struct Door {
+  static constexpr std::size_t kRecords = 4096;
+
+  explicit Door(bridge::Ring<Record> for_records = bridge::Ring<Record>(kRecords)) : records(std::move(for_records)) {}
+
   bridge::Slot<Skill> next;  // takes over at once; the newest wins. Ids grow from 1
+  bridge::Slot<Skill> queued;  // waits for the one before, see Skill::after; put where it is empty
+  bridge::Slot<Change> change;  // of the running skill; put where it is empty, and after the last one is back in `changed`
+  bridge::Slot<Walls> walls;    // take the place of those before
   std::atomic<std::uint64_t> stop_up_to{0};  // skills with this id or a smaller one brake and end; then the
                                              // loop holds. Of one that is not yet taken nothing is run
   std::atomic<bool> recover{false};  // ask the robot for automatic error recovery; answered in `recoveries`
@@ -60,9 +70,10 @@ struct Door {
   // The skills themselves, to be destroyed by the receiver: later than their results, since the controller of
   // the last one keeps holding the arm.
   bridge::Queue<Skill*> retired{64};
+  bridge::Queue<Change*> changed{4};  // to be destroyed by the receiver
+  bridge::Queue<Walls*> former_walls{4};  // to be destroyed by the receiver
   bridge::Queue<RecoveryResult> recoveries{16};
-  bridge::Queue<Record> records{4096};
-  std::atomic<std::uint64_t> records_lost{0};  // the server room was too slow
+  bridge::Ring<Record> records;
 };
 
 }  // namespace realtime

@@ -1,10 +1,13 @@
 #include "realtime/limiter.hpp"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <ruckig/ruckig.hpp>
+#include <limits>
+#include <utility>
 
 #include "realtime/rotation.hpp"
+#include "realtime/ruckig_planner.hpp"
 
 namespace realtime {
 namespace {
@@ -15,6 +18,24 @@ constexpr int kJoints = 7;
 constexpr double kShare = 0.98;
 // Share that a motion which catches up is planned with; the difference keeps it clear of the checks.
 constexpr double kPlanShare = 0.96;
+// Share of the jerk limits that steps planned here use where there is room. A robot that has lost n commands in a row,
+// and went on with constant acceleration, sees (n+1)(n+2)(n+3)/6 times the jerk when the next arrives: three may be lost.
+constexpr double kGentleJerk = 0.05;
+// Share that a pose brakes with where that does not do, and how near to a limit of acceleration or jerk that may lead.
+constexpr double kHardJerk = 0.5;
+constexpr double kMostStrain = 0.95;
+// Share of the joints' limits that a pose's reference may use, where the map from one to the other is known for this
+// cycle alone; the lesser share for steps planned here, as the map changes on their way; and the share of acceleration
+// that a pose of constant velocity may ask of them because the map changes.
+constexpr double kAlongShare = 0.85;
+constexpr double kAlongPlanShare = 0.7;
+constexpr double kAlongDriftShare = 0.35;
+// Nearer to a singularity than this (determinant of the Jacobian, 0.037 at home) the joints of a robot no longer go along as
+// foreseen, as it has to damp them: a pose is stopped before, and goes only away from it.
+constexpr double kLeastDeterminant = 1e-3;
+constexpr double kLeastAhead = 0.02;  // s, over which the change of the map is looked at, at least
+constexpr double kAlongMargin = 0.02;  // rad to the end of a joint's range
+constexpr double kAlongDelay = 0.03;  // s until a stop decelerates as planned: its jerk is limited
 // Least share of a velocity or acceleration limit that catching up may use for itself.
 constexpr double kLeastShare = 0.05;
 // Left between a braking motion and FR3's velocity envelope, rad/s: a backward difference over 1 ms lags
@@ -24,6 +45,10 @@ constexpr double kEnvelopeSlack = 0.02;
 constexpr double kRestVelocity = 1e-6;
 constexpr double kRestAcceleration = 1e-3;
 constexpr double kRounding = 1 + 1e-6;
+constexpr double kStuckWay = 1e-3;  // rad, m that is no way made
+constexpr int kStuckCycles = 500;
+constexpr double kWayStep = 0.015;  // rad, m between the places of a way to rest, at most where there are enough of them
+constexpr double kStateRounding = 3e-7;  // rad, m: of positions in a state, float32 up to 4
 
 // Of one coordinate: the step to the next output, and velocity and acceleration at its end.
 struct Step {
@@ -36,11 +61,10 @@ Step constant_jerk(double velocity, double acceleration, double jerk, double dt)
           acceleration + dt * jerk};
 }
 
+// To rest at zero.
 template <std::size_t N>
-struct Planner {
-  ruckig::Ruckig<N> ruckig;
-  ruckig::InputParameter<N> in;
-  ruckig::Trajectory<N> trajectory;
+struct Planner : RuckigPlanner<N> {
+  using RuckigPlanner<N>::in, RuckigPlanner<N>::trajectory;
 
   Planner() {
     in.synchronization = ruckig::Synchronization::None;
@@ -52,8 +76,6 @@ struct Planner {
     in.min_velocity = in.max_velocity;
     in.min_acceleration = in.max_velocity;
   }
-
-  bool plan() noexcept { return ruckig.calculate(in, trajectory) == ruckig::Result::Working; }
 
   // The step that the plan makes in its first dt seconds.
   void step(double dt, std::array<Step, N>& out) const noexcept {
@@ -78,37 +100,123 @@ bool is_valid(const Reference& reference) {
          pose.acceleration.allFinite();
 }
 
+Vector6 twist(const Vector3& linear, const Vector3& angular) {
+  Vector6 out;
+  out << linear, angular;
+  return out;
+}
+
+// Of the Jacobian whose inverse the map is: of the joints that go along.
+double determinant(const JointsOfPose& joints) {
+  constexpr int kElbow = 2;
+  Eigen::Matrix<double, 6, 6> inverse;
+  inverse.topRows<kElbow>() = joints.dq_dP.topRows<kElbow>();
+  inverse.bottomRows<6 - kElbow>() = joints.dq_dP.bottomRows<6 - kElbow>();
+  return 1 / inverse.partialPivLu().determinant();
+}
+
+std::size_t places_on(double way, std::size_t most) {
+  return std::clamp<std::size_t>(static_cast<std::size_t>(std::ceil(way / kWayStep)), 1, most);
+}
+
 Vector3 limited(const Vector3& x, double length) {
   const double norm = x.norm();
   return norm > length ? Vector3(x * (length / norm)) : x;
 }
 
-}  // namespace
+// One joint. v and a are backward differences of the outputs, as the robot sees them; velocity and acceleration are those of
+// the motion at the last output.
+struct Joint {
+  double q = 0, v = 0, a = 0;
+  double velocity = 0, acceleration = 0;
+  bool held = false;  // it has not caught up yet
+};
 
-struct Limiter::Impl {
-  models::Limits limits;
-  ReferenceKind kind = ReferenceKind::kJoint;
-  Reference last;  // output
+// Translation or rotation: as Joint, in the axes of O.
+struct Part {
+  models::Limits::Rates limits{};
+  Vector3 v = Vector3::Zero(), a = Vector3::Zero();
+  Vector3 velocity = Vector3::Zero(), acceleration = Vector3::Zero();
+  bool held = false;
+};
 
-  // One joint. v and a are backward differences of the outputs, as the robot sees them; velocity and
-  // acceleration are those of the motion at the last output.
-  struct Joint {
-    double q = 0, v = 0, a = 0;
-    double velocity = 0, acceleration = 0;
-    bool held = false;  // it has not caught up yet
-  };
+// All that an output is continued from.
+struct Motion {
   std::array<Joint, kJoints> joints{};
-
-  // Translation or rotation: as Joint, in the axes of O.
-  struct Part {
-    models::Limits::Rates limits{};
-    Vector3 v = Vector3::Zero(), a = Vector3::Zero();
-    Vector3 velocity = Vector3::Zero(), acceleration = Vector3::Zero();
-    bool held = false;
-  };
   Part translation, rotation;
   Vector3 position = Vector3::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  // The joints that the robot moves along with the pose, differences of their positions as for Joint.
+  Vector7 along_v = Vector7::Zero(), along_a = Vector7::Zero();
+
+  void coast(ReferenceKind kind, double dt) {
+    if (kind == ReferenceKind::kJoint) {
+      for (Joint& joint : joints) {
+        joint.v += dt * joint.a;
+        joint.q += dt * joint.v;
+        joint.velocity = joint.v + dt / 2 * joint.a;
+        joint.acceleration = joint.a;
+      }
+      return;
+    }
+    for (Part* part : {&translation, &rotation}) {
+      part->v += dt * part->a;
+      part->velocity = part->v + dt / 2 * part->a;
+      part->acceleration = part->a;
+    }
+    along_v += dt * along_a;
+    position += dt * translation.v;
+    orientation = (exp(dt * rotation.v) * orientation).normalized();
+  }
+
+  // From positions; rad, or m and the sine of an angle.
+  double distance(const Reference& from) const {
+    if (from.kind == ReferenceKind::kJoint) {
+      double most = 0;
+      for (int i = 0; i < kJoints; ++i) most = std::max(most, std::abs(joints[i].q - from.joint.q[i]));
+      return most;
+    }
+    return std::max((position - from.cartesian.position).cwiseAbs().maxCoeff(),
+                    2 * (orientation.conjugate() * from.cartesian.orientation).vec().cwiseAbs().maxCoeff());
+  }
+
+  void write(JointReference& out) const {
+    for (int i = 0; i < kJoints; ++i) {
+      out.q[i] = joints[i].q;
+      out.dq[i] = joints[i].velocity;
+      out.ddq[i] = joints[i].acceleration;
+    }
+  }
+  void write(CartesianReference& out) const {
+    out.position = position;
+    out.orientation = orientation;
+    out.velocity << translation.velocity, rotation.velocity;
+    out.acceleration << translation.acceleration, rotation.acceleration;
+  }
+  void write(ReferenceKind kind, Reference& out) const {
+    out.kind = kind;
+    kind == ReferenceKind::kJoint ? write(out.joint) : write(out.cartesian);
+  }
+};
+
+}  // namespace
+
+struct Limiter::Impl : Motion {
+  models::Limits limits;
+  ReferenceKind kind = ReferenceKind::kJoint;
+  Reference last;  // output
+  Motion before;   // the last output
+  Motion doubt;    // of the robot, if it has not got the last outputs
+  bool in_doubt = false;
+
+  bool has_along = false;
+  JointsOfPose along;
+  Matrix76 along_change = Matrix76::Zero();  // of along.dq_dP in a second of the present motion
+  double along_determinant = 1, along_nearing = 0;  // its size, and how much it shrinks in a second of that
+  double ahead = kLeastAhead;                // s to halfway to rest
+
+  Reference stuck_at;  // since so many cycles
+  int stuck_cycles = 0;
 
   Planner<kJoints> joint_follow, joint_brake;
   Planner<3> part_follow;
@@ -120,11 +228,23 @@ struct Limiter::Impl {
     joint_brake.in.control_interface = ruckig::ControlInterface::Velocity;
     stop.in.control_interface = ruckig::ControlInterface::Velocity;
     for (int i = 0; i < kJoints; ++i) {
-      joint_follow.in.max_jerk[i] = kPlanShare * limits.dddq_max[i];
-      joint_brake.in.max_jerk[i] = kShare * limits.dddq_max[i];
+      joint_follow.in.max_jerk[i] = kGentleJerk * limits.dddq_max[i];
+      joint_brake.in.max_jerk[i] = kGentleJerk * limits.dddq_max[i];
       joint_brake.in.max_acceleration[i] = kShare * limits.ddq_max[i];
       (*joint_brake.in.min_acceleration)[i] = -kShare * limits.ddq_max[i];
     }
+  }
+
+  // To rest in the shortest time with these limits of acceleration and jerk.
+  bool plan_stop(double position, double velocity, double acceleration, double A, double J) noexcept {
+    auto& in = stop.in;
+    in.current_position[0] = position;
+    in.current_velocity[0] = velocity;
+    in.current_acceleration[0] = acceleration;
+    in.max_acceleration[0] = A;
+    (*in.min_acceleration)[0] = -A;
+    in.max_jerk[0] = J;
+    return stop.plan();
   }
 
   // --- joints ---------------------------------------------------------------------------------
@@ -151,13 +271,7 @@ struct Limiter::Impl {
       return true;
     }
 
-    stop.in.current_position[0] = q;
-    stop.in.current_velocity[0] = velocity;
-    stop.in.current_acceleration[0] = acceleration;
-    stop.in.max_acceleration[0] = A;
-    (*stop.in.min_acceleration)[0] = -A;
-    stop.in.max_jerk[0] = J;
-    if (!stop.plan()) return false;
+    if (!plan_stop(q, velocity, acceleration, A, J)) return false;
     constexpr int kSamples = 16;
     for (int k = 0; k <= kSamples; ++k) {
       std::array<double, 1> p, v, a;
@@ -207,20 +321,31 @@ struct Limiter::Impl {
     joint.acceleration = step.acceleration;
   }
 
-  void brake_steps(double dt, std::array<Step, kJoints>& steps) noexcept {
+  bool plan_brake() noexcept {
     for (int i = 0; i < kJoints; ++i) {
       joint_brake.in.current_velocity[i] = joints[i].velocity;
       joint_brake.in.current_acceleration[i] = joints[i].acceleration;
     }
-    if (joint_brake.plan()) {
-      joint_brake.step(dt, steps);
-      return;
+    return joint_brake.plan();
+  }
+
+  void brake_steps(double dt, std::array<Step, kJoints>& steps) noexcept {
+    const bool gentle = plan_brake();
+    if (gentle) joint_brake.step(dt, steps);
+    for (int i = 0; i < kJoints; ++i) {
+      if (!gentle || !admissible(i, steps[i], dt)) steps[i] = hard_brake_step(i, dt);
     }
-    for (int i = 0; i < kJoints; ++i) {  // at least no acceleration
-      const double J = kShare * limits.dddq_max[i];
-      steps[i] = constant_jerk(joints[i].velocity, joints[i].acceleration,
-                               std::clamp(-joints[i].acceleration / dt, -J, J), dt);
+  }
+
+  Step hard_brake_step(int i, double dt) noexcept {
+    const double J = kShare * limits.dddq_max[i];
+    if (plan_stop(0, joints[i].velocity, joints[i].acceleration, kShare * limits.ddq_max[i], J)) {
+      std::array<Step, 1> step;
+      stop.step(dt, step);
+      return step[0];
     }
+    return constant_jerk(joints[i].velocity, joints[i].acceleration,  // at least no acceleration
+                         std::clamp(-joints[i].acceleration / dt, -J, J), dt);
   }
 
   // Plans in coordinates relative to what is wanted, which moves on: there the goal is rest at zero, and
@@ -255,14 +380,6 @@ struct Limiter::Impl {
       steps[i].acceleration += acceleration[i];
     }
     return true;
-  }
-
-  void write(JointReference& out) const {
-    for (int i = 0; i < kJoints; ++i) {
-      out.q[i] = joints[i].q;
-      out.dq[i] = joints[i].velocity;
-      out.ddq[i] = joints[i].acceleration;
-    }
   }
 
   bool follow(const JointReference& wanted, double dt, JointReference& out) noexcept {
@@ -336,12 +453,103 @@ struct Limiter::Impl {
     part.acceleration = step.acceleration;
   }
 
+  // What the joints accelerate with at this twist if it stays as it is, rad/s². The change of the map is that of the present
+  // motion, and goes with its speed.
+  Vector7 drift(const Vector6& P) const noexcept {
+    const double now = pace(twist(translation.velocity, rotation.velocity));
+    return now > 0 ? Vector7(pace(P) / now * (along_change * P)) : Vector7(Vector7::Zero());
+  }
+
+  // Of a twist: s to rest with all the acceleration that the limits of the pose itself allow.
+  double pace(const Vector6& P) const noexcept {
+    return std::hypot(P.head<3>().norm() / translation.limits.acceleration, P.tail<3>().norm() / rotation.limits.acceleration);
+  }
+
+  // The shortest time in which both parts come to rest with constant deceleration, s. Their joints and they themselves
+  // keep their limits of acceleration.
+  double stop_time(const Vector3& linear, const Vector3& angular) const noexcept {
+    double time = std::max(linear.norm() / translation.limits.acceleration, angular.norm() / rotation.limits.acceleration) /
+                  kShare;
+    if (!has_along) return time;
+    const Vector6 P = twist(linear, angular);
+    const Vector7 v = along.dq_dP * P;
+    const Vector7 drift_now = drift(P);
+    for (int i = 0; i < kJoints; ++i) {
+      const double drift = std::max(v[i] > 0 ? -drift_now[i] : drift_now[i], 0.);
+      const double A = kAlongPlanShare * limits.ddq_max[i];
+      time = std::max(time, std::abs(v[i]) / std::max(A - drift, A / 4));
+    }
+    return time;
+  }
+
+  // What this part may use for itself in any direction, each half of what the joints can.
+  models::Limits::Rates own_limits(const Part& part) const noexcept {
+    models::Limits::Rates own = part.limits;
+    if (!has_along) return own;
+    for (int i = 0; i < kJoints; ++i) {
+      const double share = kAlongPlanShare / 2 / along.dq_dP.row(i).segment<3>(&part == &translation ? 0 : 3).norm();
+      own.velocity = std::min(own.velocity, share * limits.dq_max[i]);
+      own.acceleration = std::min(own.acceleration, share * limits.ddq_max[i]);
+      own.jerk = std::min(own.jerk, share * limits.dddq_max[i]);
+    }
+    // As fast as keeps the drift, which goes with the square of the speed.
+    const double excess = drift_excess(twist(translation.velocity, rotation.velocity));
+    constexpr double kNear = 0.5;
+    if (excess > kNear) {
+      own.velocity = std::clamp(part.velocity.norm() * std::sqrt(kNear / excess), kLeastShare * own.velocity, own.velocity);
+    }
+    return own;
+  }
+
+  // The drift by what it may be, of the joint that has most of it.
+  double drift_excess(const Vector6& P) const noexcept {
+    const Vector7 all = drift(P);
+    double most = 0;
+    for (int i = 0; i < kJoints; ++i) most = std::max(most, std::abs(all[i]) / (kAlongDriftShare * limits.ddq_max[i]));
+    return most;
+  }
+
+  // The joints can go along with these steps, and come to rest after them.
+  bool along_admissible(const PartStep& linear, const PartStep& angular, double dt) const noexcept {
+    if (!has_along) return true;
+    const Vector7 v = along.dq_dP * twist(linear.delta, angular.delta) / dt;
+    const Vector7 a = (v - along_v) / dt;
+    const Vector7 j = (a - along_a) / dt;
+    const Vector6 P = twist(linear.velocity, angular.velocity);
+    if (drift_excess(P) > 1) return false;
+    const double time = stop_time(linear.velocity, angular.velocity);
+    const double now = pace(twist(translation.velocity, rotation.velocity));
+    const double nearing = now > 0 ? along_nearing * pace(P) / now : 0;
+    if (nearing > 0 && along_determinant - nearing * (time / 2 + kAlongDelay) < kLeastDeterminant) return false;
+    constexpr int kSamples = 4;
+    for (int i = 0; i < kJoints; ++i) {
+      if (!(std::abs(a[i]) <= kAlongShare * limits.ddq_max[i]) || !(std::abs(j[i]) <= kAlongShare * limits.dddq_max[i])) {
+        return false;
+      }
+      // On as now for the delay, then to rest at a constant rate.
+      const double speed = v[i] * a[i] > 0 ? v[i] + a[i] * kAlongDelay / 2 : v[i];
+      const double begin = along.q[i] + v[i] * dt + speed * kAlongDelay;
+      const auto forbidden = [&](double q, double velocity) {
+        return velocity > 0 ? q > limits.q_max[i] - kAlongMargin || velocity > kAlongShare * limits.dq_upper(i, q)
+                            : q < limits.q_min[i] + kAlongMargin || velocity < kAlongShare * limits.dq_lower(i, q);
+      };
+      if (std::abs(speed) < kEnvelopeSlack / 100 || !forbidden(begin + speed * time / 2, speed)) continue;
+      for (int k = 0; k <= kSamples; ++k) {
+        const double passed = static_cast<double>(k) / kSamples;
+        const double velocity = std::max(1 - passed, kEnvelopeSlack / 100) * speed;
+        if (forbidden(begin + speed * time * (passed - passed * passed / 2), velocity)) return false;
+      }
+    }
+    return true;
+  }
+
   // As for joints, with per-axis limits that keep the norms.
   bool follow_step(const Part& part, const Vector3& delta, const Vector3& wanted_velocity,
                    const Vector3& wanted_acceleration, double dt, PartStep& step) noexcept {
-    const double V = kPlanShare * part.limits.velocity;
-    const double A = kPlanShare * part.limits.acceleration;
-    const double J = kPlanShare * part.limits.jerk;
+    const models::Limits::Rates own = own_limits(part);
+    const double V = kPlanShare * own.velocity;
+    const double A = kPlanShare * own.acceleration;
+    const double J = kGentleJerk * own.jerk;
     const Vector3 velocity = limited(wanted_velocity, V);
     const Vector3 acceleration = limited(wanted_acceleration, A);
     const double axis = 1 / std::sqrt(3.0);
@@ -370,57 +578,86 @@ struct Limiter::Impl {
     return true;
   }
 
-  // Acceleration to zero, then straight back along the velocity: both keep the norms.
-  PartStep brake_step(const Part& part, double dt) noexcept {
-    const double A = kShare * part.limits.acceleration;
-    const double J = kShare * part.limits.jerk;
-    const double speed = part.velocity.norm();
-    const double pull = part.acceleration.norm();
-    if (speed == 0 && pull == 0) return {Vector3::Zero(), Vector3::Zero(), Vector3::Zero()};
-    const Vector3 along = speed > 0 ? Vector3(part.velocity / speed) : Vector3(part.acceleration / pull);
-    const double a = part.acceleration.dot(along);
-    if ((part.acceleration - a * along).norm() <= 1e-3 * J * dt) {
-      stop.in.current_position[0] = 0;
-      stop.in.current_velocity[0] = speed;
-      stop.in.current_acceleration[0] = a;
-      stop.in.max_acceleration[0] = A;
-      (*stop.in.min_acceleration)[0] = -A;
-      stop.in.max_jerk[0] = J;
-      if (stop.plan()) {
-        std::array<Step, 1> step;
-        stop.step(dt, step);
-        return {step[0].delta * along, step[0].velocity * along, step[0].acceleration * along};
+  // Both parts straight back along their velocity, in one time, and what of the acceleration leads aside to zero.
+  // `rate` of the deceleration that brings them to rest the soonest, with this share of the jerk.
+  void brake_step(double rate, double jerk_share, double dt, PartStep& linear, PartStep& angular) noexcept {
+    const Vector6 P = twist(translation.velocity, rotation.velocity);
+    const Vector6 dP = twist(translation.acceleration, rotation.acceleration);
+    const auto jerk_of = [&](const Vector6& direction) {
+      double J = std::numeric_limits<double>::infinity();
+      const auto keep = [&](double limit, double part) {
+        if (part > 0) J = std::min(J, jerk_share * limit / part);
+      };
+      keep(translation.limits.jerk, direction.head<3>().norm());
+      keep(rotation.limits.jerk, direction.tail<3>().norm());
+      if (has_along) {
+        const Vector7 joints = (along.dq_dP * direction).cwiseAbs();
+        for (int i = 0; i < kJoints; ++i) keep(kAlongShare * limits.dddq_max[i], joints[i]);
       }
+      return J;
+    };
+    Vector6 delta = Vector6::Zero(), v = Vector6::Zero(), a = Vector6::Zero(), aside = dP;
+    if (const double n = pace(P); n > 0) {
+      const Vector6 u = P / n;  // which is one of pace()
+      const double back = dP.head<3>().dot(u.head<3>()) / std::pow(translation.limits.acceleration, 2) +
+                          dP.tail<3>().dot(u.tail<3>()) / std::pow(rotation.limits.acceleration, 2);
+      const double A = rate * n / stop_time(translation.velocity, rotation.velocity);
+      const double J = jerk_of(u);
+      Step step = constant_jerk(n, back, std::clamp(-back / dt, -J, J), dt);
+      if (A > 0 && plan_stop(0, n, back, A, J)) {
+        std::array<Step, 1> planned;
+        stop.step(dt, planned);
+        step = planned[0];
+      }
+      aside -= back * u;
+      delta = step.delta * u;
+      v = step.velocity * u;
+      a = step.acceleration * u;
     }
-    const Vector3 j = limited(-part.acceleration / dt, J);
-    return {dt * (part.velocity + dt * (part.acceleration / 2 + dt / 6 * j)),
-            part.velocity + dt * (part.acceleration + dt / 2 * j), part.acceleration + dt * j};
+    if (const double pull = aside.norm(); pull > 0) {
+      const double j = -std::min(jerk_of(aside / pull) / pull, 1 / dt);
+      delta += dt * dt * (0.5 + dt * j / 6) * aside;
+      v += dt * (1 + dt * j / 2) * aside;
+      a += (1 + dt * j) * aside;
+    }
+    linear = {delta.head<3>(), v.head<3>(), a.head<3>()};
+    angular = {delta.tail<3>(), v.tail<3>(), a.tail<3>()};
   }
 
-  // Chooses the step of one part; true when it is what was wanted.
-  bool choose(Part& part, const Vector3& delta, const Vector3& velocity, const Vector3& acceleration, double dt,
-              PartStep& step) noexcept {
-    const PartStep wanted = as_wanted(part, delta, dt);
-    const bool pass = velocity.norm() <= part.limits.velocity && acceleration.norm() <= part.limits.acceleration &&
-                      admissible(part, wanted, dt);
-    step = wanted;
-    if (pass && !part.held) return true;
-    const bool has_follow = follow_step(part, delta, velocity, acceleration, dt, step);
-    part.held =
-        !(pass && has_follow && part_follow.arrives(0, dt) && part_follow.arrives(1, dt) && part_follow.arrives(2, dt));
-    if (!part.held) {
-      step = wanted;
-    } else if (!has_follow || !admissible(part, step, dt)) {
-      step = brake_step(part, dt);
+  // The greatest acceleration or jerk of that step, by its limit.
+  double strain(const PartStep& linear, const PartStep& angular, double dt) const noexcept {
+    double most = 0;
+    const auto see = [&most, dt](double a, double j, double A, double J) {
+      most = std::max({most, std::abs(a) / A, std::abs(j) / J});
+    };
+    for (const auto& [part, step] : {std::pair{&translation, &linear}, std::pair{&rotation, &angular}}) {
+      const Vector3 a = (step->delta / dt - part->v) / dt;
+      see(a.norm(), (a - part->a).norm() / dt, part->limits.acceleration, part->limits.jerk);
     }
-    return !part.held;
+    if (!has_along) return most;
+    const Vector7 a = (along.dq_dP * twist(linear.delta, angular.delta) / dt - along_v) / dt;
+    const Vector7 j = (a - along_a) / dt;
+    for (int i = 0; i < kJoints; ++i) see(a[i], j[i], limits.ddq_max[i], limits.dddq_max[i]);
+    return most;
   }
 
-  void write(CartesianReference& out) const {
-    out.position = position;
-    out.orientation = orientation;
-    out.velocity << translation.velocity, rotation.velocity;
-    out.acceleration << translation.acceleration, rotation.acceleration;
+  // Gently where that does; else as hard as may be in this cycle.
+  void brake_steps(double dt, PartStep& linear, PartStep& angular) noexcept {
+    brake_step(1, kGentleJerk, dt, linear, angular);
+    if (admissible(translation, linear, dt) && admissible(rotation, angular, dt) && along_admissible(linear, angular, dt)) {
+      return;
+    }
+    double least = std::numeric_limits<double>::infinity();
+    for (const double rate : {1., 0.7, 0.4, 0.2, 0.}) {
+      PartStep on, about;
+      brake_step(rate, kHardJerk, dt, on, about);
+      const double most = strain(on, about, dt);
+      if (!(most < least)) continue;
+      least = most;
+      linear = on;
+      angular = about;
+      if (most <= kMostStrain) return;
+    }
   }
 
   void move(const PartStep& linear, const PartStep& angular, double dt) {
@@ -428,28 +665,73 @@ struct Limiter::Impl {
     take(rotation, angular, dt);
     position += linear.delta;
     orientation = (exp(angular.delta) * orientation).normalized();
+    if (!has_along) return;
+    const Vector7 v = along.dq_dP * twist(translation.v, rotation.v);
+    along_a = (v - along_v) / dt;
+    along_v = v;
+    ahead = std::max(stop_time(translation.velocity, rotation.velocity) / 2, kLeastAhead);
   }
 
   bool follow(const CartesianReference& wanted, double dt, CartesianReference& out) noexcept {
-    PartStep linear, angular;
-    const Vector3 turn = log(wanted.orientation * orientation.conjugate());
-    const bool pass_position = choose(translation, wanted.position - position, wanted.velocity.head<3>(),
-                                      wanted.acceleration.head<3>(), dt, linear);
-    const bool pass_orientation =
-        choose(rotation, turn, wanted.velocity.tail<3>(), wanted.acceleration.tail<3>(), dt, angular);
-    move(linear, angular, dt);
-    if (pass_position) position = wanted.position;
-    if (pass_orientation) orientation = wanted.orientation;
+    struct Choice {
+      Part& part;
+      Vector3 delta, velocity, acceleration;
+      PartStep wanted, step;
+      bool pass;
+    };
+    const auto choice = [&](Part& part, const Vector3& delta, const Vector3& velocity, const Vector3& acceleration) {
+      const PartStep step = as_wanted(part, delta, dt);
+      const bool pass = velocity.norm() <= part.limits.velocity && acceleration.norm() <= part.limits.acceleration &&
+                        admissible(part, step, dt);
+      return Choice{part, delta, velocity, acceleration, step, step, pass};
+    };
+    Choice choices[] = {
+        choice(translation, wanted.position - position, wanted.velocity.head<3>(), wanted.acceleration.head<3>()),
+        choice(rotation, log(wanted.orientation * orientation.conjugate()), wanted.velocity.tail<3>(),
+               wanted.acceleration.tail<3>())};
+    auto& [linear, angular] = choices;
+    if (linear.pass && angular.pass && !along_admissible(linear.wanted, angular.wanted, dt)) {
+      linear.pass = angular.pass = false;
+    }
+    bool brake = false;
+    for (Choice& c : choices) {
+      if (c.pass && !c.part.held) continue;
+      // A part on its way may meet the wanted pose in passing: that is not yet to have caught up.
+      const bool has_follow = follow_step(c.part, c.delta, c.velocity, c.acceleration, dt, c.step);
+      c.part.held = !(c.pass && has_follow && part_follow.arrives(0, dt) && part_follow.arrives(1, dt) &&
+                      part_follow.arrives(2, dt));
+      if (!c.part.held) {
+        c.step = c.wanted;
+      } else {
+        brake |= !has_follow || !admissible(c.part, c.step, dt);
+      }
+    }
+    if (brake || !along_admissible(linear.step, angular.step, dt)) {
+      linear.part.held = angular.part.held = true;
+      brake_steps(dt, linear.step, angular.step);
+    }
+    move(linear.step, angular.step, dt);
+    if (!translation.held) position = wanted.position;
+    if (!rotation.held) orientation = wanted.orientation;
     write(out);
-    if (pass_position) {
+    if (!translation.held) {
       out.velocity.head<3>() = wanted.velocity.head<3>();
       out.acceleration.head<3>() = wanted.acceleration.head<3>();
     }
-    if (pass_orientation) {
+    if (!rotation.held) {
       out.velocity.tail<3>() = wanted.velocity.tail<3>();
       out.acceleration.tail<3>() = wanted.acceleration.tail<3>();
     }
-    return !(pass_position && pass_orientation);
+    return translation.held || rotation.held;
+  }
+
+  void watch(bool held) {
+    if (!held || distance(stuck_at) > kStuckWay) {
+      stuck_cycles = 0;
+      stuck_at = last;
+    } else {
+      ++stuck_cycles;
+    }
   }
 
   bool is_last(const Reference& from) const {
@@ -460,15 +742,6 @@ struct Limiter::Impl {
     const CartesianReference &a = from.cartesian, &b = last.cartesian;
     return a.position == b.position && a.orientation.coeffs() == b.orientation.coeffs() && a.velocity == b.velocity &&
            a.acceleration == b.acceleration;
-  }
-
-  void write(Reference& out) const {
-    out.kind = kind;
-    if (kind == ReferenceKind::kJoint) {
-      write(out.joint);
-    } else {
-      write(out.cartesian);
-    }
   }
 };
 
@@ -482,13 +755,19 @@ void Limiter::reset(const Reference& from) noexcept {
   if (m.is_last(from)) return;  // and the differences are known
   m.last = from;
   m.kind = from.kind;
+  m.has_along = false;
+  m.along_change.setZero();
+  m.along_nearing = 0;
+  m.ahead = kLeastAhead;
+  m.stuck_cycles = 0;
+  m.stuck_at = from;
   if (from.kind == ReferenceKind::kJoint) {
     for (int i = 0; i < kJoints; ++i) {
       const double dq = from.joint.dq[i], ddq = from.joint.ddq[i];
       m.joints[i] = {from.joint.q[i], dq - kHalfCycle * ddq, ddq, dq, ddq, false};
     }
   } else {
-    const auto set = [&](Impl::Part& part, const Vector3& velocity, const Vector3& acceleration) {
+    const auto set = [&](Part& part, const Vector3& velocity, const Vector3& acceleration) {
       part.v = velocity - kHalfCycle * acceleration;
       part.a = acceleration;
       part.velocity = velocity;
@@ -500,10 +779,30 @@ void Limiter::reset(const Reference& from) noexcept {
     set(m.translation, from.cartesian.velocity.head<3>(), from.cartesian.acceleration.head<3>());
     set(m.rotation, from.cartesian.velocity.tail<3>(), from.cartesian.acceleration.tail<3>());
   }
+  m.before = m;
+}
+
+void Limiter::joints_follow(const JointsOfPose& joints, const JointsOfPose& ahead) noexcept {
+  Impl& m = *impl_;
+  m.along = joints;
+  m.along_change = (ahead.dq_dP - joints.dq_dP) / m.ahead;
+  const double here = determinant(joints), there = determinant(ahead);
+  m.along_determinant = std::abs(here);
+  m.along_nearing = (m.along_determinant - std::copysign(there, here * there)) / m.ahead;
+  if (m.has_along) return;
+  m.has_along = true;
+  m.along_v = joints.dq_dP * twist(m.translation.v, m.rotation.v);
+  m.along_a = joints.dq_dP * twist(m.translation.a, m.rotation.a);
+}
+
+Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept {
+  const Impl& m = *impl_;
+  return m.has_along ? Vector7(q + m.ahead * m.along_v) : q;
 }
 
 bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcept {
   Impl& m = *impl_;
+  m.before = m;
   if (wanted.kind != m.kind || !is_valid(wanted)) {
     brake(dt, out);
     return true;
@@ -512,11 +811,13 @@ bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcep
   const bool held = m.kind == ReferenceKind::kJoint ? m.follow(wanted.joint, dt, out.joint)
                                                     : m.follow(wanted.cartesian, dt, out.cartesian);
   m.last = out;
+  m.watch(held);
   return held;
 }
 
 bool Limiter::brake(double dt, Reference& out) noexcept {
   Impl& m = *impl_;
+  m.before = m;
   if (m.kind == ReferenceKind::kJoint) {
     std::array<Step, kJoints> steps;
     m.brake_steps(dt, steps);
@@ -526,44 +827,87 @@ bool Limiter::brake(double dt, Reference& out) noexcept {
     }
   } else {
     m.translation.held = m.rotation.held = true;
-    m.move(m.brake_step(m.translation, dt), m.brake_step(m.rotation, dt), dt);
+    Impl::PartStep linear, angular;
+    m.brake_steps(dt, linear, angular);
+    m.move(linear, angular, dt);
   }
-  m.write(out);
+  m.write(m.kind, out);
   m.last = out;
   return at_rest();
 }
 
+void Limiter::take_back() noexcept { static_cast<Motion&>(*impl_) = impl_->before; }
+
+std::size_t Limiter::way_to_rest(std::span<Vector7> out) noexcept {
+  Impl& m = *impl_;
+  Vector7 q;
+  for (int i = 0; i < kJoints; ++i) q[i] = m.joints[i].q;
+  out[0] = q;
+  if (!m.plan_brake()) return 1;
+  std::array<double, kJoints> p, v, a;
+  const double duration = m.joint_brake.trajectory.get_duration();
+  m.joint_brake.trajectory.at_time(duration, p, v, a);
+  const double most = Vector7::Map(p.data()).cwiseAbs().maxCoeff();
+  const std::size_t count = places_on(most, out.size());
+  for (std::size_t k = 0; k < count; ++k) {
+    m.joint_brake.trajectory.at_time(duration * static_cast<double>(k + 1) / static_cast<double>(count), p, v, a);
+    out[k] = q + Vector7::Map(p.data());
+  }
+  return count;
+}
+
+std::size_t Limiter::way_to_rest(std::span<Vector6> out) const noexcept {
+  const Impl& m = *impl_;
+  const Vector6 v = twist(m.translation.velocity, m.rotation.velocity);
+  const Vector6 a = twist(m.translation.acceleration, m.rotation.acceleration);
+  // On as now until the stop decelerates, then to rest at a constant rate.
+  const Vector6 way = kAlongDelay * (v + kAlongDelay / 2 * a) + m.stop_time(v.head<3>(), v.tail<3>()) / 2 * v;
+  const std::size_t count = places_on(way.cwiseAbs().maxCoeff(), out.size());
+  for (std::size_t k = 0; k < count; ++k) out[k] = static_cast<double>(k + 1) / static_cast<double>(count) * way;
+  return count;
+}
+
 void Limiter::coast(double dt, Reference& out) noexcept {
   Impl& m = *impl_;
-  if (m.kind == ReferenceKind::kJoint) {
-    for (auto& joint : m.joints) {
-      joint.v += dt * joint.a;
-      joint.q += dt * joint.v;
-      joint.velocity = joint.v + dt / 2 * joint.a;
-      joint.acceleration = joint.a;
-    }
-  } else {
-    for (Impl::Part* part : {&m.translation, &m.rotation}) {
-      part->v += dt * part->a;
-      part->velocity = part->v + dt / 2 * part->a;
-      part->acceleration = part->a;
-    }
-    m.position += dt * m.translation.v;
-    m.orientation = (exp(dt * m.rotation.v) * m.orientation).normalized();
-  }
-  m.write(out);
+  m.coast(m.kind, dt);
+  m.write(m.kind, out);
   m.last = out;
 }
+
+// The loss of one output is often less than the rounding; that of the next shows both.
+bool Limiter::reconcile(const Reference& robots, double dt, Reference& out) noexcept {
+  Impl& m = *impl_;
+  Motion lost = m.before;
+  lost.coast(m.kind, dt);
+  double error = lost.distance(robots);
+  if (m.in_doubt) {
+    m.doubt.coast(m.kind, dt);
+    if (const double other = m.doubt.distance(robots); other < error) {
+      lost = m.doubt;
+      error = other;
+    }
+  }
+  const bool certain = m.distance(robots) > error + kStateRounding;
+  m.in_doubt = !certain && error < kStateRounding;
+  m.doubt = lost;
+  if (!certain || error >= kStateRounding) return false;
+  static_cast<Motion&>(m) = lost;
+  m.write(m.kind, out);
+  m.last = out;
+  return true;
+}
+
+bool Limiter::stuck() const noexcept { return impl_->stuck_cycles >= kStuckCycles; }
 
 bool Limiter::at_rest() const noexcept {
   const Impl& m = *impl_;
   if (m.kind == ReferenceKind::kJoint) {
-    return std::all_of(m.joints.begin(), m.joints.end(), [](const Impl::Joint& joint) {
+    return std::all_of(m.joints.begin(), m.joints.end(), [](const Joint& joint) {
       return std::abs(joint.v) <= kRestVelocity && std::abs(joint.velocity) <= kRestVelocity &&
              std::abs(joint.a) <= kRestAcceleration && std::abs(joint.acceleration) <= kRestAcceleration;
     });
   }
-  const auto rests = [](const Impl::Part& part) {
+  const auto rests = [](const Part& part) {
     return part.v.norm() <= kRestVelocity && part.velocity.norm() <= kRestVelocity &&
            part.a.norm() <= kRestAcceleration && part.acceleration.norm() <= kRestAcceleration;
   };

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 
 #include "models/arm.hpp"
 #include "realtime/reference.hpp"
@@ -10,6 +11,11 @@ namespace realtime {
 // Keeps the reference inside the limits of the arm, whatever is asked for. The robot judges a reference
 // by backward differences over its cycle of 1 ms: position (joints: with FR3's velocity envelope),
 // velocity, acceleration, jerk; for poses the norms of translation and rotation. So does this.
+//
+// The robot also judges the joints that it moves along with a pose. They are its own choice, so that this can only
+// foresee them, with a margin: from the map of one to the other where they are, and where they would come to rest. Next to
+// a singularity the map changes so fast that a constant velocity of the pose accelerates joints; a pose goes only as fast
+// there as leaves room to brake, and stops before.
 //
 // A reference that obeys is passed on unchanged. Any other is followed with a time-optimal, jerk-limited
 // motion (Ruckig) until it can be passed on again; and every output leaves room to brake inside the
@@ -24,6 +30,13 @@ class Limiter {
   // (another kind, re-based by a controller, lost to an error).
   void reset(const Reference& from) noexcept;
 
+  // For a pose that the robot's joints are to follow: to be called before each step, until reset() begins something new.
+  // `ahead` is the map at joints_ahead(joints.q).
+  void joints_follow(const JointsOfPose& joints, const JointsOfPose& ahead) noexcept;
+
+  // About where the joints that follow a pose would be halfway to rest.
+  Vector7 joints_ahead(const Vector7& q) const noexcept;
+
   // Next output for what is wanted in this cycle; dt in s. True if it had to hold something back.
   // A reference that is not finite, or of another kind than the one continued from, is braked for.
   bool follow(const Reference& wanted, double dt, Reference& out) noexcept;
@@ -31,12 +44,28 @@ class Limiter {
   // Next output on the way to rest, in the shortest time; true when at rest.
   bool brake(double dt, Reference& out) noexcept;
 
+  // As if the last follow() had not been: the next output continues from the one before it.
+  void take_back() noexcept;
+
+  // The way that brake() would make from the last output on: places on it, the last one where it would rest. The first so many
+  // of `out` are set: joints, or how far away from the last output in m and rad, axes of O.
+  std::size_t way_to_rest(std::span<Vector7> joints) noexcept;
+  std::size_t way_to_rest(std::span<Vector6> pose) const noexcept;
+
   // The cycle went without a command: the robot extrapolates with constant acceleration, and so does
   // this; `out` is where the robot now is.
   void coast(double dt, Reference& out) noexcept;
 
+  // Outputs may never have come to the robot, which then went on as for coast(). `robots`: the positions of its reference one
+  // cycle after the last output, rounded to float32. True when the last one, or more of those before it, did not come; `out`
+  // is then where the robot is.
+  bool reconcile(const Reference& robots, double dt, Reference& out) noexcept;
+
   // The last output moves no more.
   bool at_rest() const noexcept;
+
+  // Has not come nearer to what is wanted for half a second, as limits are in the way.
+  bool stuck() const noexcept;
 
  private:
   struct Impl;
@@ -47,6 +76,9 @@ class Limiter {
 class TorqueLimiter {
  public:
   explicit TorqueLimiter(const models::Limits& limits);
+
+  // The greatest of these torques, by what that joint can give.
+  double share(const Vector7& tau) const noexcept { return tau.cwiseAbs().cwiseQuotient(tau_max_).maxCoeff(); }
 
   // `last` is what was commanded dt seconds before, N m. True if it had to hold something back. An
   // element that is not finite is replaced by the last one, brought towards zero.

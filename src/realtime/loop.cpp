@@ -4,6 +4,11 @@
 #include <cmath>
 #include <ctime>
 #include <limits>
+#include <utility>
+
+#include "realtime/cholesky.hpp"
+#include "realtime/rotation.hpp"
+#include "realtime/tool.hpp"
 
 namespace realtime {
 namespace {
@@ -17,10 +22,17 @@ constexpr std::size_t kDoorRoom = 4;            // results and skills that one m
 // Finishing a motion while the arm moves is a reflex; under torque control it may still swing when the reference
 // rests.
 constexpr double kSlow = 0.01;                 // rad/s
-constexpr std::uint64_t kSettlingTime = 1000;  // ms after which it is finished nevertheless
+constexpr std::uint64_t kSettlingTime = 1000;  // ms after which it is damped, and then finished nevertheless
 
-// Torque that brings an arm to rest whose controller has failed: damping, N m s/rad.
+// Torque that brings an arm to rest whose controller has failed, or does not hold it: damping, N m s/rad.
 const Vector7 kFaultDamping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
+
+constexpr double kFadeTime = 0.1;       // s in which a difference of torque fades away, at least
+constexpr double kFadePerTorque = 0.3;  // s more, where it is more than a joint can give: for each time of that
+constexpr double kLongestFade = 5;      // s
+constexpr double kBeside = 2e-3;         // rad, m
+constexpr double kEffortDecay = 0.98;    // a cycle, of what is exerted beside a motion that is braked
+constexpr double kFloatRounding = 1e-5;  // of a state in protocol version 10
 
 // The last commanded pose is believed if it is a pose, and this near to the measured one (m).
 constexpr double kMaxPoseError = 0.1;
@@ -35,20 +47,22 @@ Vector7 vector(const fci::Vector7& values) { return Vector7::Map(values.data());
 
 void copy(const Vector7& from, fci::Vector7& to) { Vector7::Map(to.data()) = from; }
 
-Eigen::Isometry3d pose(const fci::Pose& values) {
-  Eigen::Isometry3d T;
-  T.matrix() = Eigen::Matrix4d::Map(values.data());
-  return T;
+// What leads from one pose to the other: m, and a rotation vector; axes of O.
+Vector6 change_between(const CartesianReference& from, const CartesianReference& to) {
+  Vector6 change;
+  change << to.position - from.position, log(to.orientation * from.orientation.conjugate());
+  return change;
 }
 
-bool is_pose(const fci::Pose& values) {
-  const Eigen::Matrix4d T = Eigen::Matrix4d::Map(values.data());
-  const Eigen::Matrix3d R = T.topLeftCorner<3, 3>();
-  return T.row(3).isApprox(Eigen::RowVector4d(0, 0, 0, 1), 1e-3) && (R.transpose() * R).isIdentity(1e-3) &&
-         R.determinant() > 0;
+// The constant twist in the axes of O that leads there in dt seconds.
+fci::Vector6 twist_between(const CartesianReference& from, const CartesianReference& to, double dt) {
+  fci::Vector6 twist;
+  Vector6::Map(twist.data()) = change_between(from, to) / dt;
+  return twist;
 }
 
 bool is_finite(const Reference& reference) {
+  if (!reference.wrench.allFinite() || !reference.torque.allFinite()) return false;
   if (reference.kind == ReferenceKind::kJoint) {
     const JointReference& joint = reference.joint;
     return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
@@ -56,6 +70,13 @@ bool is_finite(const Reference& reference) {
   const CartesianReference& pose = reference.cartesian;
   return pose.position.allFinite() && pose.orientation.coeffs().allFinite() && pose.velocity.allFinite() &&
          pose.acceleration.allFinite();
+}
+
+// So near to each other that an arm which a wall holds up does not stir for it.
+bool beside(const Reference& a, const Reference& b) {
+  if (a.kind == ReferenceKind::kJoint) return (a.joint.q - b.joint.q).norm() < kBeside;
+  return (a.cartesian.position - b.cartesian.position).norm() < kBeside &&
+         a.cartesian.orientation.angularDistance(b.cartesian.orientation) < kBeside;
 }
 
 // Calls visit(needed, in force) for each setting that `skill` (or else `base`) gives and that is not in force.
@@ -90,7 +111,15 @@ struct Remember {
 }  // namespace
 
 Loop::Loop(robot::Driver& driver, Model& model, const models::Limits& limits, const Options& options, Door& door)
-    : driver_(driver), model_(model), options_(options), door_(door), limiter_(limits), torque_limiter_(limits) {
+    : driver_(driver),
+      model_(model),
+      options_(options),
+      door_(door),
+      limiter_(limits),
+      torque_limiter_(limits),
+      joint_barrier_(limits),
+      watch_(options.watch) {
+  left_over_.set_duration(kFadeTime);
   tool_state_.m_ee = -1;  // so that the first state's is taken
 }
 
@@ -98,6 +127,7 @@ Loop::~Loop() {
   if (holder_ != skill_) delete holder_;
   delete skill_;
   delete next_;
+  delete change_;
 }
 
 bool Loop::run() noexcept {
@@ -110,6 +140,7 @@ bool Loop::cycle() noexcept {
   if (!receive()) return false;
   observe();
   take_answers();
+  take_walls();
   watch_robot();
   change_skill();
   prepare_motion();
@@ -145,8 +176,9 @@ void Loop::observe() noexcept {
   cycle_.O_T_EE = pose(state_.O_T_EE);
   cycle_.dt = static_cast<double>(ticks_) * kTick;
   cycle_.tau_J_d = tau_J_d_;
-  model_.update(cycle_.q, cycle_.dq);
+  if (mode_.torque()) model_.update(cycle_.q, cycle_.dq);
   limited_ = false;
+  coasted_ = in_motion() && mode_.motion() && commands_were_lost();
 }
 
 void Loop::take_answers() noexcept {
@@ -235,19 +267,25 @@ void Loop::change_skill() noexcept {
     if (Skill* found = door_.next.take()) {
       if (next_ != nullptr) drop_next(Ending::kPreempted);
       next_ = found;
+    } else if (next_ == nullptr) {
+      next_ = door_.queued.take();
     }
+    if (next_ != nullptr) newest_ = next_->id;
   }
   if (next_ != nullptr && phase_ != Phase::kStarting) {
     if (quit_ || next_->id <= stop_up_to) {
       if (phase_ == Phase::kConfiguring) phase_ = Phase::kIdle;
       drop_next(Ending::kStopped);
+    } else if (follows_failure(*next_)) {
+      drop_next(Ending::kCancelled);
     } else if (phase_ == Phase::kError) {
       drop_next(Ending::kRobotError);
     }
   }
   if (phase_ == Phase::kRunning && (quit_ || skill_->id <= stop_up_to)) stop_running(Ending::kStopped);
+  change_parts();
 
-  if (in_motion() && next_ != nullptr) {
+  if (in_motion() && next_ != nullptr && !next_waits()) {
     if (fits_motion(*next_)) {
       take_over();
     } else if (skill_ != nullptr) {
@@ -255,7 +293,8 @@ void Loop::change_skill() noexcept {
     }
   }
   if (in_motion() && skill_ == nullptr) {
-    if (next_ != nullptr || quit_ || faulty_ || state_.message_id >= hold_until_) {
+    const bool prepares = next_ != nullptr && !(next_waits() && fits_motion(*next_));
+    if (prepares || quit_ || faulty_ || state_.message_id >= hold_until_) {
       leave_motion();
     } else if (phase_ == Phase::kBraking && limiter_.at_rest()) {
       hold();  // what it was left for has been stopped
@@ -303,46 +342,153 @@ void Loop::prepare_motion() noexcept {
 }
 
 void Loop::generate_reference() noexcept {
+  if (mode_.cartesian()) {
+    const Vector7 q_d = vector(state_.q_d);
+    joints_ = model_.joints_of_pose(q_d);
+    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(q_d)));
+  }
   // Where states were lost, the robot has moved a reference of its own on with constant acceleration. One that
   // only our own controller follows has gone where the trajectory led it.
   std::uint64_t steps = std::min(ticks_, kMaxTicks);
-  const bool coasted = !mode_.torque() && steps > 1;
-  if (coasted) {
+  coasted_ |= mode_.motion() && steps > 1;
+  if (mode_.motion()) {
     for (; steps > 1; --steps) limiter_.coast(kTick, reference_);
   }
-  if (phase_ == Phase::kRunning) {
+  if (phase_ == Phase::kRunning && !waits_for_start()) {
     skill_time_ += cycle_.dt;
     cycle_.time = skill_time_;
-    if (coasted) {
-      skill_->trajectory->step(skill_time_ - kTick, wanted_);
+    const double now = skill_time_ - trajectory_start_;
+    const auto step_trajectory = [&](double time) {
+      return watch_.step(PartWatch::kTrajectory, skill_->numbers.trajectory,
+                         [&] { return skill_->trajectory->step(time, wanted_); });
+    };
+    if (coasted_) {
+      step_trajectory(now - kTick);
       rejoin_.start(reference_, wanted_);
     }
     for (; steps > 0; --steps) {
-      const double time = skill_time_ - static_cast<double>(steps - 1) * kTick;
-      trajectory_over_ = skill_->trajectory->step(std::max(time, 0.0), wanted_);
+      const double time = now - static_cast<double>(steps - 1) * kTick;
+      trajectory_over_ = step_trajectory(std::max(time, 0.0));
       if (rejoin_.active()) rejoin_.step(kTick, wanted_);
-      limited_ |= limiter_.follow(wanted_, kTick, reference_);
+      follow_wanted();
     }
     trajectory_over_ &= !rejoin_.active();
-    if (!is_finite(wanted_)) stop_running(Ending::kComponentFault);
+    reference_.wrench = wanted_.wrench;
+    reference_.torque = wanted_.torque;
+    if (!is_finite(wanted_)) watch_.not_finite(PartWatch::kTrajectory, skill_->numbers.trajectory);
+    if (watch_.at_fault()) stop_running(Ending::kComponentFault);
   } else {
-    for (; steps > 0; --steps) limiter_.brake(kTick, reference_);
+    for (; steps > 0; --steps) {
+      previous_ = reference_;
+      limiter_.brake(kTick, reference_);
+      reference_.wrench *= kEffortDecay;
+      reference_.torque *= kEffortDecay;
+    }
   }
 }
 
 void Loop::compute_torque() noexcept {
   if (mode_.torque()) {
     Vector7 tau;
-    if (!faulty_) {
-      holder_->controller->step(cycle_, reference_, tau);
-      faulty_ = !tau.allFinite();
+    // An arm that its controller does not bring to rest in time is damped.
+    const bool lets_go = skill_ == nullptr && (!holder_->controller->tracks() || (leaving_ && overdue()));
+    if (!faulty_ && !lets_go) {
+      step_controller(tau);
+      if (fade_time_ < left_over_.duration()) {
+        fade_time_ += cycle_.dt;
+        tau += left_over_.at(fade_time_).x;
+      }
+      if (!tau.allFinite()) watch_.not_finite(PartWatch::kController, holder_->numbers.controller);
+      faulty_ = watch_.at_fault(PartWatch::kController);
       if (faulty_ && skill_ != nullptr) stop_running(Ending::kComponentFault);
     }
-    if (faulty_) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
-    // The robot compares with the command before, however long ago that was.
-    limited_ |= torque_limiter_.limit(tau, tau_J_d_, kTick, tau_J_d_);
+    if (faulty_ || lets_go) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
+    if (wall_guard_.active() && wall_guard_.add(cycle_.q, cycle_.dq, model_.mass(), model_.coriolis(), tau)) {
+      limited_ = walled_skill_ = true;
+    }
+    limited_ |= joint_barrier_.add(cycle_.q, cycle_.dq, model_.mass(), model_.coriolis(), tau);
+    // The robot compares with the command before, however long ago that was; or, where one was lost, with the last that came.
+    const Vector7 sent = tau_J_d_, came = vector(state_.tau_J_d);
+    limited_ |= torque_limiter_.limit(tau, sent, kTick, tau_J_d_);
+    if (state_.control_command_success_rate < 1 && !came.isApprox(sent, kFloatRounding)) {
+      limited_ |= torque_limiter_.limit(tau_J_d_, came, kTick, tau_J_d_);
+    }
   }
   if (skill_ != nullptr && limited_) ++limited_cycles_;
+}
+
+// --- walls -----------------------------------------------------------------------------------------------------------
+
+void Loop::take_walls() noexcept {
+  if (door_.walls.empty() || door_.former_walls.room() == 0) return;
+  if (Walls* const former = wall_guard_.change(door_.walls.take())) door_.former_walls.push(former);
+}
+
+// The next reference. Where it would leave no clear way to rest, what of it leads past the walls; and to rest where that does
+// not do either, which was clear the last time.
+void Loop::follow_wanted() noexcept {
+  previous_ = reference_;
+  bool held = limiter_.follow(wanted_, kTick, reference_);
+  if (wall_guard_.active()) {
+    map_to_joints();
+    const bool clear = way_to_rest_is_clear(WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
+    if (!clear) {
+      const Reference aside = past_walls();
+      limiter_.take_back();
+      bool along = !beside(aside, previous_);
+      if (along) {
+        limiter_.follow(aside, kTick, reference_);
+        along = way_to_rest_is_clear(WallGuard::kClearance);
+        if (!along) limiter_.take_back();
+      }
+      if (!along) limiter_.brake(kTick, reference_);
+      held = walled_skill_ = true;
+    }
+    walled_ = !clear;
+  }
+  limited_ |= held;
+}
+
+// About where the joints are at the reference before, and how they go along with a change of it.
+void Loop::map_to_joints() noexcept {
+  if (previous_.kind == ReferenceKind::kJoint) {
+    joints_.q = previous_.joint.q;
+    return;
+  }
+  if (mode_.cartesian()) return;  // the robot's own
+  joints_ = model_.joints_of_pose(cycle_.q);
+  CartesianReference measured;
+  measured.position = cycle_.O_T_EE.translation();
+  measured.orientation = Eigen::Quaterniond(cycle_.O_T_EE.linear());
+  joints_.q += joints_.dq_dP * change_between(measured, previous_.cartesian);
+}
+
+bool Loop::way_to_rest_is_clear(double clearance) noexcept {
+  std::array<Vector7, WallGuard::kMostOnWay> way;
+  std::size_t count = 0;
+  if (reference_.kind == ReferenceKind::kJoint) {
+    count = limiter_.way_to_rest(std::span(way));
+  } else {
+    std::array<Vector6, WallGuard::kMostOnWay> poses;
+    count = limiter_.way_to_rest(std::span(poses));
+    const Vector6 step = change_between(previous_.cartesian, reference_.cartesian);
+    for (std::size_t k = 0; k < count; ++k) way[k] = joints_.q + joints_.dq_dP * (step + poses[k]);
+  }
+  return wall_guard_.clear(joints_.q, std::span(way).first(count), clearance);
+}
+
+// At rest, ahead of the reference before, as far as what is wanted leads there without the walls.
+Reference Loop::past_walls() noexcept {
+  Reference aside = realtime::at_rest(previous_);
+  if (wanted_.kind != previous_.kind || !is_finite(wanted_)) return aside;
+  if (aside.kind == ReferenceKind::kJoint) {
+    aside.joint.q += wall_guard_.past(wanted_.joint.q - previous_.joint.q);
+    return aside;
+  }
+  const Vector6 change = wall_guard_.past(change_between(previous_.cartesian, wanted_.cartesian), joints_.dq_dP);
+  aside.cartesian.position += change.head<3>();
+  aside.cartesian.orientation = exp(change.tail<3>()) * previous_.cartesian.orientation;
+  return aside;
 }
 
 void Loop::send_command() noexcept {
@@ -357,7 +503,10 @@ void Loop::send_command() noexcept {
     copy(tau_J_d_, command_.tau_J_d);
     switch (mode_.generator) {
       case fci::MotionGeneratorMode::kJointPosition: copy(reference_.joint.q, command_.q_c); break;
-      case fci::MotionGeneratorMode::kJointVelocity: copy(reference_.joint.dq, command_.dq_c); break;
+      // The velocity that leads to the reference in this cycle: what the robot integrates then stays on it.
+      case fci::MotionGeneratorMode::kJointVelocity:
+        copy((reference_.joint.q - previous_.joint.q) / kTick, command_.dq_c);
+        break;
       case fci::MotionGeneratorMode::kCartesianPosition: {
         const Eigen::Matrix3d R = reference_.cartesian.orientation.toRotationMatrix();
         Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
@@ -367,26 +516,33 @@ void Loop::send_command() noexcept {
         break;
       }
       case fci::MotionGeneratorMode::kCartesianVelocity:
-        Vector6::Map(command_.O_dP_EE_c.data()) = reference_.cartesian.velocity;
+        command_.O_dP_EE_c = twist_between(previous_.cartesian, reference_.cartesian, kTick);
         break;
       default: break;  // torque alone
     }
   }
   compute_ns_ = now_ns() - driver_.received_ns();
   driver_.send(command_);
-  if (skill_ != nullptr && first_command_ns_ == 0) first_command_ns_ = now_ns();
+  if (skill_ != nullptr && first_command_ns_ == 0 && !waits_for_start()) first_command_ns_ = now_ns();
 }
 
 // A skill ends when its reference rests.
 void Loop::terminate_skill() noexcept {
-  if (phase_ == Phase::kRunning) {
+  if (phase_ == Phase::kRunning && !waits_for_start()) {
     const Progress progress{*skill_->trajectory, trajectory_over_, reference_};
     int termination = -1;
     for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
-      if (skill_->terminations[i]->step(cycle_, progress) && termination < 0) termination = static_cast<int>(i);
+      const auto& numbers = skill_->numbers.terminations;
+      const bool ends = watch_.step(PartWatch::kTerminations + static_cast<int>(i), i < numbers.size() ? numbers[i] : 0,
+                                    [&] { return skill_->terminations[i]->step(cycle_, progress); });
+      if (ends && termination < 0) termination = static_cast<int>(i);
     }
-    const bool over = skill_->terminations.empty() && trajectory_over_ && limiter_.at_rest();
-    if (over || termination >= 0) stop_running(Ending::kTerminated, termination);
+    const bool over = skill_->terminations.empty() && trajectory_over_ && (limiter_.at_rest() || limiter_.stuck());
+    if (watch_.at_fault()) {
+      stop_running(Ending::kComponentFault);
+    } else if (over || termination >= 0) {
+      stop_running(Ending::kTerminated, termination);
+    }
   }
   if (phase_ == Phase::kBraking && skill_ != nullptr && limiter_.at_rest()) {
     end(skill_, ending_);
@@ -395,23 +551,19 @@ void Loop::terminate_skill() noexcept {
 }
 
 void Loop::publish() noexcept {
-  Record* record = door_.records.back();
-  if (record == nullptr) {
-    door_.records_lost.fetch_add(1, std::memory_order_relaxed);
-    return;
-  }
-  record->state = state_;
-  record->command = command_;
-  if (!sent_) record->command.message_id = 0;
-  record->phase = phase_;
-  record->skill_id = commanded_skill_;
-  record->skill_time = sent_ && commanded_skill_ != 0 ? skill_time_ : 0;
-  record->reference = reference_;
-  record->limited = sent_ && limited_;
-  record->cycles = cycles_;
-  record->lost_states = lost_states_;
-  record->received_ns = driver_.received_ns();
-  record->compute_ns = sent_ ? compute_ns_ : 0;
+  Record& record = door_.records.back();
+  record.state = state_;
+  record.command = command_;
+  if (!sent_) record.command.message_id = 0;
+  record.phase = phase_;
+  record.skill_id = commanded_skill_;
+  record.skill_time = sent_ && commanded_skill_ != 0 ? skill_time_ : 0;
+  record.reference = reference_;
+  record.limited = sent_ && limited_;
+  record.cycles = cycles_;
+  record.lost_states = lost_states_;
+  record.received_ns = driver_.received_ns();
+  record.compute_ns = sent_ ? compute_ns_ : 0;
   door_.records.push();
 }
 
@@ -432,23 +584,28 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   SkillResult result;
   result.ending = ending;
   result.termination = ending == Ending::kTerminated ? termination_ : -1;
-  result.time = skill_time_;
+  result.time = std::max(skill_time_, 0.0);
   result.stretch = skill->trajectory->stretch();
   result.limited_cycles = limited_cycles_;
+  if (walled_skill_) result.wall = wall_guard_.wall();
   result.first_command_ns = first_command_ns_;
   result.last_cycle_ns = now_ns();
+  if (ending == Ending::kComponentFault) result.fault = watch_.fault();
+  if (ending == Ending::kRobotError) result.fault = watch_.longest();
   post_result(result, *skill);
   skill_ = nullptr;
+  if (ending != Ending::kTerminated) unfinished_ = skill->id;
 }
 
 // The waiting skill is over before it has begun.
 void Loop::drop_next(Ending ending, fci::Command refused, fci::Status status) noexcept {
   if (next_ == nullptr) return;
   SkillResult result;
-  result.ending = ending;
+  result.ending = follows_failure(*next_) ? Ending::kCancelled : ending;
   result.refused = refused;
   result.status = status;
   post_result(result, *next_);
+  unfinished_ = next_->id;
   door_.retired.push(next_);
   next_ = nullptr;
 }
@@ -464,8 +621,8 @@ void Loop::stop_running(Ending ending, int termination) noexcept {
 void Loop::lose_connection() noexcept {
   if (skill_ != nullptr) end(skill_, Ending::kConnectionLost);
   drop_next(Ending::kConnectionLost);
-  if (Skill* found = door_.next.take()) {
-    next_ = found;
+  for (auto* slot : {&door_.next, &door_.queued}) {
+    next_ = slot->take();
     drop_next(Ending::kConnectionLost);
   }
   if (phase_ == Phase::kRecovering) answer_recovery(false, fci::Status::kFailed);
@@ -478,10 +635,22 @@ bool Loop::fits_motion(const Skill& skill) const noexcept {
   return skill.mode == mode_ && in_force && !faulty_;
 }
 
+bool Loop::follows_failure(const Skill& skill) const noexcept { return skill.after != 0 && skill.after == unfinished_; }
+
+// For the end of the running skill.
+bool Loop::next_waits() const noexcept {
+  if (next_->start_ns > driver_.received_ns()) return true;
+  if (next_->after == 0 || skill_ == nullptr) return false;
+  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) &&
+                      skill_->trajectory->duration() - (skill_time_ - trajectory_start_) <= next_->blend;
+  return !blends;
+}
+
 void Loop::hold() noexcept {
   phase_ = Phase::kHolding;
   leaving_ = false;
-  hold_until_ = state_.message_id + static_cast<std::uint64_t>(options_.hold_time / kTick);
+  const double time = holder_->controller->tracks() ? options_.hold_time : 0;
+  hold_until_ = state_.message_id + static_cast<std::uint64_t>(time / kTick);
 }
 
 // To rest, and then to the finish flag.
@@ -491,7 +660,8 @@ void Loop::leave_motion() noexcept {
     phase_ = Phase::kBraking;
     set_deadline(kSettlingTime);
   }
-  const bool slow = !mode_.torque() || cycle_.dq.cwiseAbs().maxCoeff() < kSlow || overdue();
+  const bool slow = !mode_.torque() || cycle_.dq.cwiseAbs().maxCoeff() < kSlow ||
+                    state_.message_id >= deadline_ + kSettlingTime;
   if (!slow || !(limiter_.at_rest() || faulty_)) return;
   phase_ = Phase::kFinishing;
   stop_sent_ = false;
@@ -507,20 +677,111 @@ void Loop::start_skill() noexcept {
   leaving_ = false;
   hold_until_ = std::numeric_limits<std::uint64_t>::max();
   limited_cycles_ = 0;
+  walled_ = walled_skill_ = false;
   first_command_ns_ = 0;
   trajectory_over_ = false;
   rejoin_.stop();
   cycle_.time = 0;
-  skill_->controller->start(cycle_, reference_);
+  trajectory_start_ = 0;
+  watch_.reset();
+  start_controller(!mode_.motion());
   limiter_.reset(reference_);
-  skill_->trajectory->start(reference_);
-  for (const auto& termination : skill_->terminations) termination->start();
+  start_trajectory();
+  start_terminations();
+}
+
+// Torque stays as it was: a reference that is ours alone is moved, one of the robot's cannot be; what difference is left
+// fades away.
+void Loop::start_controller(bool move_reference) noexcept {
+  fade_time_ = left_over_.duration();
+  if (!mode_.torque()) return;
+  Reference unmoved = followed();
+  watch_.start(PartWatch::kController, skill_->numbers.controller,
+               [&] { skill_->controller->start(cycle_, move_reference ? reference_ : unmoved); });
+  Vector7 tau;
+  step_controller(tau);
+  if (!tau.allFinite()) return;
+  const Vector7 zero = Vector7::Zero();
+  const Vector7 difference = cycle_.tau_J_d - tau;
+  // An arm that its robot's reference is far away from is not flung there.
+  const double share = torque_limiter_.share(difference);
+  left_over_.set_duration(std::min(kFadeTime + kFadePerTorque * std::max(share - 1, 0.), kLongestFade));
+  left_over_.start(difference, zero, zero, zero, 0);
+  fade_time_ = 0;
+}
+
+// The running skill goes on with other parts.
+void Loop::change_parts() noexcept {
+  if (change_ == nullptr) change_ = door_.change.take();
+  if (change_ == nullptr || door_.changed.room() == 0) return;
+  if (change_->skill_id > newest_ || (next_ != nullptr && next_->id == change_->skill_id)) return;  // it has not begun
+  Change* change = std::exchange(change_, nullptr);
+  if (phase_ == Phase::kRunning && skill_->id == change->skill_id && !faulty_) {
+    change->done = true;
+    watch_.reset();
+    if (change->controller) {
+      std::swap(skill_->controller, change->controller);
+      skill_->numbers.controller = change->numbers.controller;
+      start_controller(false);
+    }
+    if (change->trajectory) {
+      std::swap(skill_->trajectory, change->trajectory);
+      skill_->numbers.trajectory = change->numbers.trajectory;
+      trajectory_start_ = skill_time_ + cycle_.dt - kTick;
+      rejoin_.stop();
+      start_trajectory();
+    }
+    if (change->changes_terminations) {
+      std::swap(skill_->terminations, change->terminations);
+      std::swap(skill_->numbers.terminations, change->numbers.terminations);
+      start_terminations();
+    }
+  }
+  door_.changed.push(change);
+}
+
+// Its start time has not come; the arm rests.
+bool Loop::waits_for_start() const noexcept {
+  return phase_ == Phase::kRunning && first_command_ns_ == 0 && skill_->start_ns > driver_.received_ns();
+}
+
+void Loop::start_trajectory() noexcept {
+  wanted_ = {};  // a trajectory that exerts nothing does not say so
+  watch_.start(PartWatch::kTrajectory, skill_->numbers.trajectory, [&] { skill_->trajectory->start(reference_); });
+}
+
+void Loop::start_terminations() noexcept {
+  for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
+    const auto& numbers = skill_->numbers.terminations;
+    watch_.start(PartWatch::kTerminations + static_cast<int>(i), i < numbers.size() ? numbers[i] : 0,
+                 [&] { skill_->terminations[i]->start(); });
+  }
+}
+
+void Loop::step_controller(Vector7& tau) noexcept {
+  watch_.step(PartWatch::kController, holder_->numbers.controller,
+              [&] { return holder_->controller->step(cycle_, followed(), tau), true; });
+}
+
+// What the controller follows: the reference, or the joints that the robot moves along with a pose.
+const Reference& Loop::followed() noexcept {
+  if (!mode_.cartesian() || holder_->controller->accepts(ReferenceKind::kCartesian)) return reference_;
+  joints_of_robot_.kind = ReferenceKind::kJoint;
+  joints_of_robot_.joint = {vector(state_.q_d), vector(state_.dq_d), vector(state_.ddq_d)};
+  return joints_of_robot_;
 }
 
 // From the moving reference of the skill before: this cycle's command is one tick later.
 void Loop::take_over() noexcept {
-  if (skill_ != nullptr) end(skill_, phase_ == Phase::kBraking ? ending_ : Ending::kPreempted);
-  for (; !mode_.torque() && ticks_ > 1; --ticks_) limiter_.coast(kTick, reference_);
+  if (skill_ != nullptr) {
+    termination_ = phase_ == Phase::kBraking ? termination_ : -1;
+    end(skill_, phase_ == Phase::kBraking ? ending_ : next_->after != 0 ? Ending::kTerminated : Ending::kPreempted);
+  }
+  if (!holder_->controller->tracks()) {
+    reference_.kind = ReferenceKind::kJoint;
+    reference_.joint = {cycle_.q, cycle_.dq, Vector7::Zero()};
+  }
+  for (; mode_.motion() && ticks_ > 1; --ticks_) limiter_.coast(kTick, reference_);
   change_kind(next_->trajectory->reference_kind());
   start_skill();
   ticks_ = 1;
@@ -544,7 +805,7 @@ void Loop::change_kind(ReferenceKind kind) noexcept {
     Eigen::Matrix<double, 6, 6> A = J * J.transpose();
     A.diagonal().array() += 1e-4;
     reference_.joint.q = cycle_.q;
-    reference_.joint.dq = J.transpose() * A.llt().solve(reference_.cartesian.velocity);
+    reference_.joint.dq = J.transpose() * Cholesky<6>(A).solve(reference_.cartesian.velocity);
     reference_.joint.ddq.setZero();
   }
 }
@@ -561,6 +822,17 @@ bool Loop::robot_idle() const noexcept {
 bool Loop::robot_matches() const noexcept {
   return state_.robot_mode == fci::RobotMode::kMove && state_.controller_mode == wire_mode_.controller &&
          state_.motion_generator_mode == wire_mode_.generator;
+}
+
+// Whether commands did not come to the robot, which made up for them: then the reference goes on from where it is.
+bool Loop::commands_were_lost() noexcept {
+  if (!sent_ || ticks_ != 1 || state_.control_command_success_rate >= 1) return false;
+  Reference robots;
+  robots.kind = reference_.kind;
+  robots.joint.q = vector(state_.q_d);
+  robots.cartesian.position = pose(state_.O_T_EE_c).translation();
+  robots.cartesian.orientation = Eigen::Quaterniond(pose(state_.O_T_EE_c).linear());
+  return limiter_.reconcile(robots, kTick, reference_);
 }
 
 bool Loop::in_motion() const noexcept {
@@ -602,11 +874,11 @@ Reference Loop::reference_at_start() const noexcept {
   Reference reference;
   reference.kind = next_->trajectory->reference_kind();
   if (reference.kind == ReferenceKind::kJoint) {
-    reference.joint.q = mode_.torque() ? cycle_.q : vector(state_.q_d);
+    reference.joint.q = mode_.motion() ? vector(state_.q_d) : cycle_.q;
     return reference;
   }
   Eigen::Isometry3d T = cycle_.O_T_EE;
-  if (!mode_.torque() && is_pose(state_.O_T_EE_c)) {
+  if (mode_.motion() && is_pose(state_.O_T_EE_c)) {
     const Eigen::Isometry3d commanded = pose(state_.O_T_EE_c);
     if ((commanded.translation() - T.translation()).norm() < kMaxPoseError) T = commanded;
   }
@@ -652,7 +924,6 @@ void Loop::answer_recovery(bool recovered, fci::Status status) noexcept {
   door_.recoveries.push({recovered, status, state_.robot_mode});
 }
 
-// The model carries what the robot says that it carries: hand and load together.
 void Loop::update_tool() noexcept {
   const fci::RobotState& s = state_;
   fci::RobotState& t = tool_state_;
@@ -661,16 +932,7 @@ void Loop::update_tool() noexcept {
     return;
   }
   t = s;
-  const double mass = s.m_ee + s.m_load;
-  const Vector3 c_ee = Vector3::Map(s.F_x_Cee.data());
-  const Vector3 c_load = Vector3::Map(s.F_x_Cload.data());
-  const Vector3 c = mass > 0 ? Vector3((s.m_ee * c_ee + s.m_load * c_load) / mass) : Vector3(Vector3::Zero());
-  const auto about = [](double m, const Vector3& d) -> Eigen::Matrix3d {  // parallel axes
-    return m * (d.squaredNorm() * Eigen::Matrix3d::Identity() - d * d.transpose());
-  };
-  const Eigen::Matrix3d I = Eigen::Matrix3d::Map(s.I_ee.data()) + about(s.m_ee, c_ee - c) +
-                            Eigen::Matrix3d::Map(s.I_load.data()) + about(s.m_load, c_load - c);
-  model_.set_tool(mass, c, I, is_pose(s.F_T_EE) ? pose(s.F_T_EE) : Eigen::Isometry3d::Identity());
+  carry(s, model_);
 }
 
 }  // namespace realtime

@@ -4,9 +4,13 @@
 
 #include "models/arm.hpp"
 #include "realtime/door.hpp"
+#include "realtime/joint_barrier.hpp"
 #include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
+#include "realtime/part_watch.hpp"
 #include "realtime/rejoin.hpp"
+#include "realtime/trajectories/min_jerk.hpp"
+#include "realtime/walls/wall_guard.hpp"
 #include "robot/driver.hpp"
 
 namespace realtime {
@@ -19,6 +23,7 @@ class Loop {
   struct Options {
     double hold_time = 2.0;    // s that a motion is kept with nothing to do before it is finished
     robot::Settings settings;  // in force for each motion (tool, load, thresholds) unless its skill says otherwise
+    PartWatch::Hooks watch;
   };
 
   // All must outlive the loop.
@@ -40,6 +45,7 @@ class Loop {
   bool receive() noexcept;
   void observe() noexcept;
   void take_answers() noexcept;
+  void take_walls() noexcept;
   void watch_robot() noexcept;
   void change_skill() noexcept;
   void prepare_motion() noexcept;
@@ -57,9 +63,22 @@ class Loop {
   void post_result(SkillResult result, const Skill& skill) noexcept;
   void lose_connection() noexcept;
   void start_skill() noexcept;
+  void start_trajectory() noexcept;
+  void start_terminations() noexcept;
+  void start_controller(bool move_reference) noexcept;
+  void step_controller(Vector7& tau) noexcept;
+  void change_parts() noexcept;
+  bool waits_for_start() const noexcept;
+  const Reference& followed() noexcept;
+  void follow_wanted() noexcept;
+  void map_to_joints() noexcept;
+  bool way_to_rest_is_clear(double clearance) noexcept;
+  Reference past_walls() noexcept;
   void take_over() noexcept;
   void change_kind(ReferenceKind kind) noexcept;
   bool fits_motion(const Skill& skill) const noexcept;
+  bool next_waits() const noexcept;
+  bool follows_failure(const Skill& skill) const noexcept;
   void hold() noexcept;
   void leave_motion() noexcept;
 
@@ -74,6 +93,7 @@ class Loop {
   bool robot_idle() const noexcept;
   bool robot_matches() const noexcept;
   bool in_motion() const noexcept;
+  bool commands_were_lost() noexcept;
   void update_tool() noexcept;
   Reference reference_at_start() const noexcept;
   void set_deadline(std::uint64_t milliseconds) noexcept { deadline_ = state_.message_id + milliseconds; }
@@ -85,6 +105,8 @@ class Loop {
   Door& door_;
   Limiter limiter_;
   TorqueLimiter torque_limiter_;
+  JointBarrier joint_barrier_;
+  WallGuard wall_guard_;
 
   Phase phase_ = Phase::kConnecting;
   std::uint64_t deadline_ = 0;  // message_id at which waiting for the robot ends
@@ -101,13 +123,18 @@ class Loop {
 
   // Skills.
   Skill* next_ = nullptr;    // waits for a motion of its own
+  Change* change_ = nullptr;  // for a skill that runs, or has not begun
+  std::uint64_t newest_ = 0;  // id of the last skill that came through the door
   Skill* skill_ = nullptr;   // runs, or is braked to its end
   Skill* holder_ = nullptr;  // whose controller commands: skill_, or the last one
+  PartWatch watch_;          // of their parts
   Ending ending_ = Ending::kTerminated;  // of skill_, once it is at rest
   int termination_ = -1;
   double skill_time_ = 0;    // s
+  double trajectory_start_ = 0;  // skill time at which its trajectory began, s
   bool trajectory_over_ = false;
-  bool faulty_ = false;      // the holder's controller gave what is not finite
+  bool faulty_ = false;      // the holder's controller is at fault, and no longer asked
+  std::uint64_t unfinished_ = 0;  // id of the last skill that did not end by itself
   std::uint64_t limited_cycles_ = 0;
   std::int64_t first_command_ns_ = 0;  // 0: not yet
   bool leaving_ = false;     // no skill, and the motion is to be finished as soon as the arm rests
@@ -116,9 +143,17 @@ class Loop {
   // What is commanded.
   robot::Mode mode_, wire_mode_;  // of the motion; as the robot names it
   Reference wanted_, reference_;  // before and after the limits
-  Rejoin rejoin_;                 // after lost states
+  Reference previous_;            // reference_ one tick before
+  Reference joints_of_robot_;     // that it moves along with a pose
+  bool coasted_ = false;          // in this cycle the robot went on by itself
+  Rejoin rejoin_;                 // after that
   bool limited_ = false;
+  JointsOfPose joints_;   // of a pose that the robot follows; where there are walls, of any reference before
+  bool walled_ = false;   // a wall held the reference back in the cycle before
+  bool walled_skill_ = false;  // or held something of the running skill
   Vector7 tau_J_d_ = Vector7::Zero();
+  MinJerk<7> left_over_;   // torque by which the controller would have stepped when it began, on its way to zero
+  double fade_time_ = 1;   // s that it has been on it
   fci::RobotCommand command_;
   bool sent_ = false;             // in this cycle
   std::uint64_t commanded_skill_ = 0;  // its id, in this cycle; 0: none

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <pinocchio/algorithm/crba.hpp>
+#include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
 #include <pinocchio/algorithm/model.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
@@ -9,10 +10,15 @@
 #include <stdexcept>
 #include <vector>
 
+#include "realtime/cholesky.hpp"
+
 namespace realtime {
 namespace {
 
 constexpr int kJoints = 7;
+
+// The type that Pinocchio's library is compiled for: with any other its templates compile here, for minutes.
+using In = Eigen::Ref<const Eigen::VectorXd>;
 
 bool ends_with(const std::string& text, const std::string& end) {
   return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
@@ -43,8 +49,8 @@ pinocchio::FrameIndex link(const pinocchio::Model& model, int number) {
     if (ends_with(model.frames[i].name, name)) return i;
     links.push_back(model.frames[i].name);
   }
-  throw std::invalid_argument("the robot's URDF should have a link whose name ends with " + name +
-                              ", and has " + list(links));
+  throw std::invalid_argument("the robot's URDF should have a link whose name ends with " + name + ", and has " +
+                              list(links));
 }
 
 // Of link7 alone. What is fixed beyond the flange comes by set_tool().
@@ -68,8 +74,7 @@ pinocchio::Model reduce(const pinocchio::Model& model) {
   for (pinocchio::JointIndex i = 1; i < static_cast<pinocchio::JointIndex>(model.njoints); ++i) {
     const std::string& name = model.names[i];
     const int next = static_cast<int>(joints.size()) + 1;
-    const bool ours = next <= kJoints && model.joints[i].nq() == 1 &&
-                      name.find("finger") == std::string::npos &&
+    const bool ours = next <= kJoints && model.joints[i].nq() == 1 && name.find("finger") == std::string::npos &&
                       ends_with(name, "joint" + std::to_string(next));
     if (ours) {
       joints.push_back(name);
@@ -83,16 +88,15 @@ pinocchio::Model reduce(const pinocchio::Model& model) {
                                 std::to_string(joints.size() + 1) + " is missing among its movable joints " +
                                 list(names));
   }
-  return extra.empty() ? model
-                       : pinocchio::buildReducedModel(model, extra, pinocchio::neutral(model));
+  return extra.empty() ? model : pinocchio::buildReducedModel(model, extra, pinocchio::neutral(model));
 }
 
 }  // namespace
 
 struct Model::Impl {
   pinocchio::Model model;
-  pinocchio::Data data, kinematics;      // `kinematics` serves O_T_EE(q) alone
-  Eigen::VectorXd q, dq, q_kinematics;   // of the type that Pinocchio is compiled for
+  pinocchio::Data data, kinematics;     // `kinematics` serves O_T_EE(q) alone
+  Eigen::VectorXd q, dq, q_kinematics;
   pinocchio::SE3 J7_T_F, J7_T_EE;
   pinocchio::Inertia link7;
 
@@ -100,7 +104,7 @@ struct Model::Impl {
   Matrix67 J;
   Vector6 dJ_dq;
   Matrix7 M;
-  Vector7 c, g;
+  Vector7 c;
 
   explicit Impl(const pinocchio::Model& description)
       : model(reduce(description)),
@@ -113,8 +117,7 @@ struct Model::Impl {
     const auto flange = link(model, kJoints + 1);
     if (model.frames[flange].parentJoint != kJoints) {
       throw std::invalid_argument("the robot's URDF should have its flange " + model.frames[flange].name +
-                                  " fixed to joint7, and has it on " +
-                                  model.names[model.frames[flange].parentJoint]);
+                                  " fixed to joint7, and has it on " + model.names[model.frames[flange].parentJoint]);
     }
     J7_T_F = model.frames[flange].placement;
     J7_T_EE = J7_T_F;
@@ -124,6 +127,7 @@ struct Model::Impl {
     model.jointPlacements[1] = base.placement.actInv(model.jointPlacements[1]);
 
     model.inertias[kJoints] = link7;
+    model.gravity.setZero();  // the robot compensates it
   }
 
   Eigen::Isometry3d end_effector(const pinocchio::SE3& O_T_J7) const {
@@ -147,8 +151,7 @@ void Model::set_tool(double mass, const Vector3& F_x_C, const Eigen::Matrix3d& I
   m.J7_T_EE = m.J7_T_F * pinocchio::SE3(F_T_EE.linear(), F_T_EE.translation());
   m.model.inertias[kJoints] = m.link7;
   if (mass > 0) {
-    m.model.inertias[kJoints] +=
-        m.J7_T_F.act(pinocchio::Inertia(mass, F_x_C, pinocchio::Symmetric3(I)));
+    m.model.inertias[kJoints] += m.J7_T_F.act(pinocchio::Inertia(mass, F_x_C, pinocchio::Symmetric3(I)));
   }
 }
 
@@ -158,7 +161,7 @@ void Model::update(const Vector7& q, const Vector7& dq) noexcept {
   m.dq = dq;
 
   // In world convention this fills data.oMi and data.J (velocity of the point at the origin) too.
-  pinocchio::crba(m.model, m.data, m.q, pinocchio::Convention::WORLD);
+  pinocchio::crba(m.model, m.data, In(m.q), pinocchio::Convention::WORLD);
   m.M = m.data.M;
   m.M.triangularView<Eigen::StrictlyLower>() = m.M.transpose();
   m.O_T_EE = m.end_effector(m.data.oMi[kJoints]);
@@ -168,11 +171,10 @@ void Model::update(const Vector7& q, const Vector7& dq) noexcept {
     m.J.col(i) << Vector3(m.data.J.col(i).head<3>()) + angular.cross(p), angular;
   }
 
-  m.g = pinocchio::computeGeneralizedGravity(m.model, m.data, m.q);
-  m.c = pinocchio::nonLinearEffects(m.model, m.data, m.q, m.dq) - m.g;
+  m.c = pinocchio::nonLinearEffects(m.model, m.data, In(m.q), In(m.dq));
 
-  // With ddq = 0 the acceleration of EE is dJ dq. data.a_gf is that of joint 7 in its own axes, with
-  // gravity's reaction; as a spatial acceleration it lacks the turn of the velocity.
+  // With ddq = 0 the acceleration of EE is dJ dq. data.a_gf is that of joint 7 in its own axes; as a spatial
+  // acceleration it lacks the turn of the velocity.
   const Eigen::Matrix3d& R = m.data.oMi[kJoints].rotation();
   const auto& a = m.data.a_gf[kJoints];
   const auto& v = m.data.v[kJoints];
@@ -181,7 +183,7 @@ void Model::update(const Vector7& q, const Vector7& dq) noexcept {
   const Vector3 dw = a.angular();
   const Vector3 v_EE = v.linear() + w.cross(x);
   const Vector3 spatial = a.linear() + dw.cross(x);
-  m.dJ_dq.head<3>() = R * (spatial + w.cross(v_EE)) + m.model.gravity.linear();
+  m.dJ_dq.head<3>() = R * (spatial + w.cross(v_EE));
   m.dJ_dq.tail<3>() = R * dw;
 }
 
@@ -190,13 +192,43 @@ const Matrix67& Model::jacobian() const noexcept { return impl_->J; }
 const Vector6& Model::dJ_dq() const noexcept { return impl_->dJ_dq; }
 const Matrix7& Model::mass() const noexcept { return impl_->M; }
 const Vector7& Model::coriolis() const noexcept { return impl_->c; }
-const Vector7& Model::gravity() const noexcept { return impl_->g; }
+
+Vector7 Model::gravity(const Vector3& O_g) const noexcept {
+  Impl& m = *impl_;
+  m.model.gravity.linear(O_g);
+  const Vector7 out = pinocchio::computeGeneralizedGravity(m.model, m.kinematics, In(m.q));
+  m.model.gravity.setZero();
+  return out;
+}
 
 Eigen::Isometry3d Model::O_T_EE(const Vector7& q) noexcept {
   Impl& m = *impl_;
   m.q_kinematics = q;
-  pinocchio::forwardKinematics(m.model, m.kinematics, m.q_kinematics);
+  pinocchio::forwardKinematics(m.model, m.kinematics, In(m.q_kinematics));
   return m.end_effector(m.kinematics.oMi[kJoints]);
+}
+
+JointsOfPose Model::joints_of_pose(const Vector7& q) noexcept {
+  constexpr int kElbow = 2;
+  constexpr double kDamping = 1e-3;  // m and rad; singular values are about 0.1 at home
+  Impl& m = *impl_;
+  m.q_kinematics = q;
+  pinocchio::computeJointJacobians(m.model, m.kinematics, In(m.q_kinematics));
+  const Vector3 p = m.end_effector(m.kinematics.oMi[kJoints]).translation();
+  Eigen::Matrix<double, 6, 6> J;
+  for (int i = 0, column = 0; i < kJoints; ++i) {
+    if (i == kElbow) continue;
+    const Vector3 angular = m.kinematics.J.col(i).tail<3>();
+    J.col(column++) << Vector3(m.kinematics.J.col(i).head<3>()) + angular.cross(p), angular;
+  }
+  Eigen::Matrix<double, 6, 6> normal = J.transpose() * J;
+  normal.diagonal().array() += kDamping * kDamping;
+  const Eigen::Matrix<double, 6, 6> inverse = Cholesky<6>(normal).solve<6>(J.transpose());
+  JointsOfPose out;
+  out.q = q;
+  out.dq_dP.topRows<kElbow>() = inverse.topRows<kElbow>();
+  out.dq_dP.bottomRows<kJoints - 1 - kElbow>() = inverse.bottomRows<kJoints - 1 - kElbow>();
+  return out;
 }
 
 }  // namespace realtime

@@ -9,7 +9,6 @@
 
 namespace realtime {
 
-using Matrix67 = Eigen::Matrix<double, 6, 7>;
 using Matrix7 = Eigen::Matrix<double, 7, 7>;
 
 // Kinematics and dynamics of the arm with its end effector and load (Pinocchio behind it). Built in
@@ -36,10 +35,15 @@ class Model {
   const Vector6& dJ_dq() const noexcept;      // d/dt(J) dq, m/s² and rad/s²
   const Matrix7& mass() const noexcept;
   const Vector7& coriolis() const noexcept;   // C(q, dq) dq, N m
-  const Vector7& gravity() const noexcept;    // N m, for an upright arm
+
+  // What holds the arm and its tool against an acceleration `O_g` (m/s², (0, 0, -9.81) upright) at q of update(); N m.
+  Vector7 gravity(const Vector3& O_g) const noexcept;
 
   // Forward kinematics of any q, without touching the rest.
   Eigen::Isometry3d O_T_EE(const Vector7& q) noexcept;
+
+  // How the joints go along with a motion of EE, from any q; damped next to singularities.
+  JointsOfPose joints_of_pose(const Vector7& q) noexcept;
 
  private:
   struct Impl;

@@ -8,6 +8,8 @@ namespace realtime {
 using Vector3 = Eigen::Vector3d;
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Vector7 = Eigen::Matrix<double, 7, 1>;
+using Matrix67 = Eigen::Matrix<double, 6, 7>;
+using Matrix76 = Eigen::Matrix<double, 7, 6>;
 
 enum class ReferenceKind { kJoint, kCartesian };
 
@@ -25,11 +27,37 @@ struct CartesianReference {
   Vector6 acceleration = Vector6::Zero();                                // m/s², rad/s²
 };
 
-// What a trajectory generator emits each cycle. Only the member named by `kind` means something.
+// Joints that go where a pose leads them, the elbow (joint 3) staying where it is.
+struct JointsOfPose {
+  Vector7 q = Vector7::Zero();              // rad
+  Matrix76 dq_dP = Matrix76::Zero();  // dq = dq_dP O_dP_EE
+};
+
+// What a trajectory may ask for beside its motion.
+enum class Effort {
+  kNone,
+  kWrench,  // Reference::wrench
+  kTorque,  // Reference::torque
+};
+
+// What a trajectory generator emits each cycle. Of joint and cartesian only the member named by `kind` means something.
 struct Reference {
   ReferenceKind kind = ReferenceKind::kJoint;
   JointReference joint;
   CartesianReference cartesian;
+  Vector6 wrench = Vector6::Zero();  // that EE exerts on what it touches, at EE in the axes of O; N, N m
+  Vector7 torque = Vector7::Zero();  // of the joints, beside gravity; N m
 };
+
+// The same place, without velocity, acceleration and effort.
+inline Reference at_rest(Reference reference) {
+  reference.wrench.setZero();
+  reference.torque.setZero();
+  reference.joint.dq.setZero();
+  reference.joint.ddq.setZero();
+  reference.cartesian.velocity.setZero();
+  reference.cartesian.acceleration.setZero();
+  return reference;
+}
 
 }  // namespace realtime

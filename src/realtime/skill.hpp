@@ -5,10 +5,17 @@
 #include <vector>
 
 #include "realtime/controllers/controller.hpp"
+#include "realtime/part_watch.hpp"
 #include "realtime/terminations/termination.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 
 namespace realtime {
+
+// Numbers of the kinds of a skill's parts, by which the server room names one that is at fault; 0: it has none.
+struct KindNumbers {
+  std::uint16_t trajectory = 0, controller = 0;
+  std::vector<std::uint16_t> terminations;
+};
 
 // One motion request, built in the server room and handed through the door.
 struct Skill {
@@ -17,8 +24,24 @@ struct Skill {
   std::unique_ptr<Controller> controller;
   std::vector<std::unique_ptr<Termination>> terminations;  // any of them ends the skill; none: the
                                                            // trajectory's end does
+  KindNumbers numbers;
   robot::Mode mode;          // of the controller for this trajectory
   robot::Settings settings;  // of the controller
+  std::uint64_t after = 0;   // id of the skill that it waits for, to begin when that has ended by itself (0: none), or
+  double blend = 0;          // s before its trajectory is over, within a robot controller
+  std::int64_t start_ns = 0;  // CLOCK_MONOTONIC; until then the arm rests where it is, or the skill before goes on
+};
+
+// Other parts for a skill that runs, of the same robot controller and settings. Goes back through the door with the parts that
+// it replaced.
+struct Change {
+  std::uint64_t skill_id = 0;
+  std::unique_ptr<TrajectoryGenerator> trajectory;  // begins at the reference as it then is; null: no change
+  std::unique_ptr<Controller> controller;           // torque goes on where it is; null: no change
+  std::vector<std::unique_ptr<Termination>> terminations;
+  bool changes_terminations = false;
+  KindNumbers numbers;  // of the parts that are given
+  bool done = false;  // by the loop; else the skill had ended
 };
 
 enum class Ending {
@@ -28,7 +51,8 @@ enum class Ending {
   kRobotError,      // a reflex or another error of the robot
   kRefused,         // the robot refused the settings or the start of the motion
   kConnectionLost,  // no states, or the TCP connection closed
-  kComponentFault,  // trajectory or controller gave what is not finite; the arm was brought to rest without it
+  kCancelled,       // queued, and the skill before did not end by itself
+  kComponentFault,  // a part did what does not belong into the loop; the arm was brought to rest without it
 };
 
 // How a skill ended.
@@ -45,6 +69,8 @@ struct SkillResult {
   fci::RobotMode robot_mode = fci::RobotMode::kIdle;  // at the end
   fci::Command refused = fci::Command::kMove;  // with kRefused: which request, and
   fci::Status status = fci::Status::kSuccess;  // the robot's answer; kFailed: it gave none within a second
+  std::uint32_t wall = 0;        // Wall::id of the last one that held reference or torque back; 0: none
+  PartFault fault{};             // with kComponentFault: what, of which part; with kRobotError: its longest step
 };
 
 }  // namespace realtime

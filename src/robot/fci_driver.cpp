@@ -1,5 +1,7 @@
 #include "robot/fci_driver.hpp"
 
+#include <sched.h>
+
 #include <cerrno>
 #include <cmath>
 #include <ctime>
@@ -17,6 +19,9 @@ constexpr auto kModelTime = 5s;       // for the URDF, some 10 kB
 constexpr auto kSilence = 1s;         // as long as receive() waits
 constexpr auto kTcpCheck = 100ms;     // how soon a closed connection is noticed while no states come
 constexpr int kTcpEvery = 8;          // polls between looks at TCP while no answer is due
+constexpr std::int64_t kShortWait = 500'000;  // ns, for a state: nobody paces this arm
+constexpr std::int64_t kPolling = 200'000;    // ns
+constexpr int kPollingPause = 3;              // waits without polling after it was in vain
 constexpr std::size_t kMinResponse = fci::kHeaderSize + 1;  // bytes: a status at least
 constexpr std::size_t kMaxResponse = 64 << 20;              // bytes: above this it is garbage
 
@@ -112,7 +117,7 @@ std::unique_ptr<FciDriver> FciDriver::connect(const std::string& address) {
                          "; this program speaks " + supported() +
                          ". Update the system of the robot (5: Panda 4.2, 10: FR3 5.9) or this program.");
     }
-    if (offered != fci::kNewestVersion) {
+    if (offered != fci::kNewestVersion || response.version == offered) {
       throw ConnectError("The robot at " + address + " says that it speaks protocol version " +
                          std::to_string(response.version) + ", and refused version " + std::to_string(offered) +
                          ", which it had named itself. Restart it.");
@@ -147,7 +152,7 @@ fci::Version FciDriver::settle_version(std::uint16_t offered, std::uint16_t answ
     const ssize_t size = ::recvfrom(udp_.fd(), datagram.data(), datagram.size(), MSG_TRUNC | MSG_DONTWAIT,
                                     reinterpret_cast<sockaddr*>(&from), &from_size);
     if (size < 0) continue;
-    if (from.sin_addr.s_addr != peer_.address.sin_addr.s_addr) {
+    if (!peer_.owns(from)) {
       ++counters_.foreign;
       continue;
     }
@@ -184,6 +189,10 @@ fci::Version FciDriver::settle_version(std::uint16_t offered, std::uint16_t answ
                        std::to_string(float_size) + " bytes (version 10) or " + std::to_string(double_size) +
                        " (versions 5 to 9), received datagrams of " + came + " bytes.");
   }
+  if (counters_.foreign > 0) {
+    throw ConnectError("The robot at " + peer_.endpoint() + " accepted the connection, but datagrams come from other "
+                       "addresses than its own. Give the address that it sends from.");
+  }
   throw ConnectError("The robot at " + peer_.endpoint() +
                      " accepted the connection, but no states arrive over UDP. Check that no firewall of this "
                      "computer drops them.");
@@ -216,17 +225,39 @@ void FciDriver::lose(const char* why) noexcept {
   if (lost_.load() == nullptr) lost_ = why;
 }
 
+// Waits for a datagram and takes along what else there is: how many, or -1 after the socket's timeout. A simulated arm in
+// lockstep answers sooner than a sleeping thread wakes: where the last wait was so short that nobody paces the arm, this
+// one polls first, but for a thread with real-time priority, which would let no other run meanwhile.
+int FciDriver::wait() noexcept {
+  const std::int64_t began = now_ns();
+  int datagrams = -1;
+  if (pause_ > 0) {
+    --pause_;
+  } else if (short_wait_ && ::sched_getscheduler(0) == SCHED_OTHER) {
+    do {
+      datagrams = ::recvmmsg(udp_.fd(), in_.headers.data(), kDatagrams, MSG_DONTWAIT, nullptr);
+      received_ns_ = now_ns();
+    } while (datagrams <= 0 && received_ns_ - began < kPolling);
+    if (datagrams <= 0) pause_ = kPollingPause;
+  }
+  if (datagrams <= 0) {
+    datagrams = ::recvmmsg(udp_.fd(), in_.headers.data(), kDatagrams, MSG_WAITFORONE, nullptr);
+    received_ns_ = now_ns();
+  }
+  short_wait_ = received_ns_ - began < kShortWait;
+  return datagrams;
+}
+
 Received FciDriver::receive(fci::RobotState& state) noexcept {
   const auto deadline = Clock::now() + kSilence;
-  for (;;) {
+  int vain = 0;  // waits for kTcpCheck; one that a computer which stood still drew out is one
+  while (vain < kSilence / kTcpCheck) {
     if (lost_.load() != nullptr) return Received::kLost;
     for (int i = 0; i < kDatagrams; ++i) {
       in_.headers[i].msg_hdr.msg_namelen = sizeof(sockaddr_in);
       in_.headers[i].msg_hdr.msg_flags = 0;
     }
-    // Waits for the first, and takes along what else there is.
-    const int datagrams = ::recvmmsg(udp_.fd(), in_.headers.data(), kDatagrams, MSG_WAITFORONE, nullptr);
-    received_ns_ = now_ns();
+    const int datagrams = wait();
     if (datagrams > 0) {
       bool found = take_newest(datagrams, state);
       for (int full = datagrams; full == kDatagrams;) {  // away for long: drain the rest
@@ -235,11 +266,13 @@ Received FciDriver::receive(fci::RobotState& state) noexcept {
         if (Clock::now() > deadline) break;
       }
       if (found) return Received::kState;
+      if (Clock::now() > deadline) break;
     } else {
       read_tcp();
+      ++vain;
     }
-    if (Clock::now() > deadline) return lost_.load() != nullptr ? Received::kLost : Received::kNothing;
   }
+  return lost_.load() != nullptr ? Received::kLost : Received::kNothing;
 }
 
 // The state with the greatest message_id counts; what is no state, or came too late, is counted.
@@ -247,7 +280,7 @@ bool FciDriver::take_newest(int datagrams, fci::RobotState& state) noexcept {
   bool found = false;
   for (int i = 0; i < datagrams; ++i) {
     const mmsghdr& header = in_.headers[i];
-    if (in_.from[i].sin_addr.s_addr != peer_.address.sin_addr.s_addr) {
+    if (in_.from[i].sin_addr.s_addr != commands_to_.sin_addr.s_addr) {
       ++counters_.foreign;
       continue;
     }

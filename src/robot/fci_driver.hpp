@@ -29,7 +29,7 @@ class FciDriver final : public Driver {
     std::atomic<std::uint64_t> wrong_size{0};   // truncated, oversized, of another version
     std::atomic<std::uint64_t> bad_values{0};   // not finite, or a mode that there is not
     std::atomic<std::uint64_t> old{0};          // message_id not above the last one
-    std::atomic<std::uint64_t> foreign{0};      // from another address than the robot's
+    std::atomic<std::uint64_t> foreign{0};      // from another address than the first state
     std::atomic<std::uint64_t> unsent{0};       // commands that the network did not take
   };
   const Counters& counters() const { return counters_; }
@@ -47,6 +47,7 @@ class FciDriver final : public Driver {
  private:
   FciDriver(Peer peer, Socket tcp, Socket udp);
 
+  int wait() noexcept;
   bool take_newest(int datagrams, fci::RobotState& state) noexcept;
   bool read_state(const std::byte* datagram, fci::RobotState& state) noexcept;
   void read_tcp() noexcept;
@@ -78,6 +79,8 @@ class FciDriver final : public Driver {
   std::uint64_t newest_ = 0;        // message_id
   bool any_state_ = false;
   std::int64_t received_ns_ = 0;
+  bool short_wait_ = false;         // the last, for a state
+  int pause_ = 0;                   // waits until the next that may poll
 
   std::uint32_t next_id_ = 0;       // of requests
   std::array<std::byte, 4096> tcp_out_;  // what the socket did not take at once

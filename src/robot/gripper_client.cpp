@@ -147,10 +147,7 @@ void GripperClient::read_udp() {
   socklen_t from_size = sizeof(from);
   const ssize_t size = ::recvfrom(udp_.fd(), datagram.data(), datagram.size(), MSG_DONTWAIT,
                                   reinterpret_cast<sockaddr*>(&from), &from_size);
-  if (size != static_cast<ssize_t>(gripper::kStateSize) ||
-      from.sin_addr.s_addr != peer_.address.sin_addr.s_addr) {
-    return;
-  }
+  if (size != static_cast<ssize_t>(gripper::kStateSize) || !peer_.owns(from)) return;
   gripper::State state;
   fci::read(gripper::kVersion, datagram, state);
   if (!std::isfinite(state.width) || !std::isfinite(state.max_width)) return;

@@ -13,7 +13,14 @@ struct Mode {
   fci::MotionGeneratorMode generator = fci::MotionGeneratorMode::kNone;
   bool operator==(const Mode&) const = default;
 
+  // The robot takes torques.
   bool torque() const { return controller == fci::ControllerMode::kExternal; }
+  // The robot takes a reference, which it moves on by itself where commands are lost.
+  bool motion() const { return generator != fci::MotionGeneratorMode::kNone; }
+  bool cartesian() const {
+    return generator == fci::MotionGeneratorMode::kCartesianPosition ||
+           generator == fci::MotionGeneratorMode::kCartesianVelocity;
+  }
 };
 
 inline constexpr Mode kTorque = {fci::ControllerMode::kExternal, fci::MotionGeneratorMode::kNone};
@@ -34,6 +41,7 @@ struct Settings {
   std::optional<fci::SetEEToK> EE_T_K;
   std::optional<fci::SetNEToEE> NE_T_EE;
   std::optional<fci::SetLoad> load;
+  bool operator==(const Settings&) const = default;
 };
 
 }  // namespace robot

@@ -49,6 +49,11 @@ Peer::Peer(const std::string& kind, const std::string& host, std::uint16_t port,
   ::freeaddrinfo(found);
 }
 
+bool Peer::owns(const sockaddr_in& from) const {
+  const auto on_loopback = [](const sockaddr_in& place) { return ntohl(place.sin_addr.s_addr) >> 24 == IN_LOOPBACKNET; };
+  return from.sin_addr.s_addr == address.sin_addr.s_addr || (on_loopback(from) && on_loopback(address));
+}
+
 std::string Peer::endpoint() const {
   char text[INET_ADDRSTRLEN] = "";
   ::inet_ntop(AF_INET, &address.sin_addr, text, sizeof(text));

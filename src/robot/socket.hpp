@@ -53,6 +53,10 @@ struct Peer {
   void receive(const Socket& tcp, std::span<std::byte> out, const std::string& what,
                Clock::time_point deadline) const;
 
+  // Whether a datagram from there may be the peer's: from its address or, where it is simulated on this computer and
+  // bound to no address, from another loopback one.
+  bool owns(const sockaddr_in& from) const;
+
   std::string endpoint() const;  // "172.16.0.2, TCP port 1337"
 };
 

@@ -1,6 +1,7 @@
 #include "server/arm_process.hpp"
 
 #include <signal.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
 #include <sys/socket.h>
 
@@ -17,10 +18,15 @@
 #include "robot/fci_driver.hpp"
 #include "server/arm_model.hpp"
 #include "server/gripper.hpp"
+#include "server/part_record.hpp"
 #include "server/publisher.hpp"
 #include "server/realtime_setup.hpp"
+#include "server/recorder.hpp"
+#include "server/registry.hpp"
+#include "server/sensor_hub.hpp"
 #include "server/skill_builder.hpp"
 #include "server/transport.hpp"
+#include "server/wakeful_clock.hpp"
 
 namespace server {
 namespace {
@@ -30,20 +36,43 @@ using Clock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
 
 constexpr auto kHeartbeat = 100ms;
-constexpr auto kRetry = 500ms;
+constexpr auto kReconnectPeriod = 500ms;
 constexpr auto kHandTime = 500ms;   // that a client's first look at the arm may wait for its hand
 // A thread that is silent for so long hangs. The loop waits at most 1 s for the robot.
 constexpr auto kTransportHangs = 1s;
 constexpr auto kLoopHangs = 1500ms;
+constexpr auto kPartHangs = 500ms;  // in one step of a part: more than a busy computer makes a thread wait
+
+// The log as part of recordings.
+class JournalSink : public spdlog::sinks::base_sink<std::mutex> {
+ public:
+  explicit JournalSink(Journal& journal) : journal_(journal) {}
+
+ private:
+  void sink_it_(const spdlog::details::log_msg& message) override {
+    proto::LogLine line;
+    const auto level = spdlog::level::to_string_view(message.level);
+    line.set_level(std::string(level.data(), level.size()));
+    line.set_text(std::string(message.payload.data(), message.payload.size()));
+    journal_.note("/log", line.GetTypeName(), line.SerializeAsString());
+  }
+  void flush_() override {}
+
+  Journal& journal_;
+};
 
 class ArmProcess {
  public:
-  ArmProcess(const ArmConfig& config, const ArmOptions& options)
+  ArmProcess(const ArmConfig& config, const RecordingsConfig& recordings, const ArmOptions& options, BlackBox& box)
       : config_(config),
         options_(options),
+        door_(box.records),
         gripper_(config.gripper ? std::make_unique<Gripper>(config.address) : nullptr),
         publisher_(context_, options.listen, options.state_port, door_, gripper_.get()),
-        transport_(context_, options.listen, options.port, door_, publisher_, gripper_.get()) {}
+        recorder_(box, recordings, config.name, gripper_.get()),
+        sensors_(context_, options.listen, options.sensor_port, box.journal),
+        transport_(context_, options.listen, options.port, door_, publisher_, sensors_, recorder_, gripper_.get(),
+                   WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1)) {}
 
   int run() {
     spdlog::info("requests at {}, states at {}", transport_.endpoint(), publisher_.endpoint());
@@ -73,6 +102,7 @@ class ArmProcess {
       check_threads();
       if (!report()) {
         spdlog::warn("the supervisor is gone: stopping");
+        recorder_.keep("the-supervisor-is-gone");
         return;
       }
     }
@@ -91,6 +121,7 @@ class ArmProcess {
       if (ready_) {
         arm.set_endpoint(transport_.endpoint());
         arm.set_state_endpoint(publisher_.endpoint());
+        arm.set_sensor_endpoint(sensors_.endpoint());
       }
     }
     const std::string bytes = arm.SerializeAsString();
@@ -100,26 +131,28 @@ class ArmProcess {
 
   // A hang ends the process: the supervisor starts it again, and the robot stops by its own reflex.
   void check_threads() {
-    const auto now = Clock::now();
+    const auto now = clock_.now();
     if (transport_.rounds() != rounds_) {
       rounds_ = transport_.rounds();
       transport_alive_ = now;
     } else if (now - transport_alive_ > kTransportHangs) {
-      hang("transport");
+      hang("transport", part_record().in_loop);
     }
     const auto newest = publisher_.newest();
     const std::uint64_t cycles = newest ? newest->cycles : 0;
     if (cycles != cycles_ || !looping_) {
       cycles_ = cycles;
       loop_alive_ = now;
-    } else if (now - loop_alive_ > kLoopHangs) {
-      hang("1 kHz loop");
+    } else if (now - loop_alive_ > (part_record().in_loop != 0 ? kPartHangs : kLoopHangs)) {
+      hang("1 kHz loop", part_record().in_builder);
     }
   }
 
-  [[noreturn]] void hang(const char* thread) {
-    spdlog::critical("the {} hangs: this process gives up", thread);
-    std::_Exit(EXIT_FAILURE);
+  // What the other thread was in is not to blame.
+  [[noreturn]] void hang(const char* thread, std::atomic<std::uint32_t>& other) {
+    other = 0;
+    spdlog::critical("the {} hangs{}: this process gives up", thread, part_record().where());
+    std::_Exit(ArmOptions::kHangs);
   }
 
   // --- the robot's thread: connection after connection ---
@@ -143,7 +176,7 @@ class ArmProcess {
       if (!quit_ && why != told) spdlog::error("{}", why);
       told = why;
       std::unique_lock lock(mutex_);
-      changed_.wait_for(lock, kRetry, [this] { return quit_.load(); });
+      changed_.wait_for(lock, kReconnectPeriod, [this] { return quit_.load(); });
     }
   }
 
@@ -153,11 +186,12 @@ class ArmProcess {
     realtime::Model model(chosen.urdf);
     auto builder = std::make_shared<SkillBuilder>(std::make_unique<realtime::Model>(chosen.urdf), limits);
 
-    realtime::Loop loop(driver, model, limits, {config_.hold_time, config_.settings}, door_);
+    realtime::Loop loop(driver, model, limits, {config_.hold_time, config_.settings, {options_.allocations, &part_record().in_loop}},
+                        door_);
     RealtimeReport report = realtime_;
     std::promise<void> prepared, go;
     std::thread thread([&] {
-      prepare_thread(options_.index, report);
+      prepare_thread(options_.index, config_.processor, !config_.lockstep, report);
       prepared.set_value();
       go.get_future().wait();
       looping_ = true;
@@ -209,6 +243,8 @@ class ArmProcess {
   realtime::Door door_;
   std::unique_ptr<Gripper> gripper_;
   Publisher publisher_;
+  Recorder recorder_;
+  SensorHub sensors_;
   Transport transport_;
   RealtimeReport realtime_;
 
@@ -219,12 +255,13 @@ class ArmProcess {
   std::atomic<bool> quit_{false}, transport_quit_{false}, looping_{false};
 
   std::uint64_t rounds_ = 0, cycles_ = 0;
-  Clock::time_point transport_alive_ = Clock::now(), loop_alive_ = Clock::now();
+  WakefulClock clock_{2 * kHeartbeat};
+  Clock::duration transport_alive_{}, loop_alive_{};  // by it
 };
 
 }  // namespace
 
-int run_arm(const ArmConfig& config, const ArmOptions& options) {
+int run_arm(const ArmConfig& config, const RecordingsConfig& recordings, const ArmOptions& options) {
   // For watch(), and blocked in all threads, which inherit it.
   sigset_t signals;
   sigemptyset(&signals);
@@ -233,7 +270,14 @@ int run_arm(const ArmConfig& config, const ArmOptions& options) {
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   spdlog::set_pattern("[%H:%M:%S.%e] [" + config.name + "] %^%l%$ %v");
   try {
-    return ArmProcess(config, options).run();
+    if (options.status_fd >= 0) use(map_part_record(ArmOptions::kRecordFd));
+    part_record().describe(titles_of_kinds());
+    BlackBox box = options.status_fd >= 0 ? BlackBox::in(ArmOptions::kBlackBoxFd) : BlackBox();
+    auto& sinks = spdlog::default_logger()->sinks();  // before there are other threads, and after
+    sinks.push_back(std::make_shared<JournalSink>(box.journal));
+    const int status = ArmProcess(config, recordings, options, box).run();
+    sinks.pop_back();
+    return status;
   } catch (const std::exception& error) {
     spdlog::critical("{}", error.what());
     return EXIT_FAILURE;

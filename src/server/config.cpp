@@ -1,6 +1,7 @@
 #include "server/config.hpp"
 
 #include <arpa/inet.h>
+#include <sched.h>
 #include <spdlog/fmt/fmt.h>
 #include <toml++/toml.h>
 
@@ -9,17 +10,25 @@
 #include <array>
 #include <cerrno>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <set>
 #include <sstream>
+#include <utility>
 
 #include "models/arm.hpp"
 
 namespace server {
 namespace {
+
+constexpr std::pair<const char*, RecordingsConfig::Mode> kRecordingModes[] = {{"off", RecordingsConfig::Mode::kOff},
+                                                                              {"errors", RecordingsConfig::Mode::kErrors},
+                                                                              {"skills", RecordingsConfig::Mode::kSkills},
+                                                                              {"always", RecordingsConfig::Mode::kAlways}};
+constexpr char kRecordingModesExpected[] = "\"off\", \"errors\", \"skills\" or \"always\"";
 
 std::string text_of(const toml::node& node) {
   std::ostringstream text;
@@ -119,6 +128,33 @@ void read_server(const toml::table& node, const std::string& source, Config& con
   table.finish();
 }
 
+std::string data_folder() {
+  const char* data = std::getenv("XDG_DATA_HOME");
+  if (data != nullptr && *data != 0) return data;
+  const char* home = std::getenv("HOME");
+  return fmt::format("{}/.local/share", home != nullptr && *home != 0 ? home : "/var/lib");
+}
+
+void read_recordings(const toml::table& node, const std::string& source, RecordingsConfig& recordings) {
+  Table table(node, source, "recordings");
+  if (const auto* mode = table.find("mode")) {
+    const std::string name = table.text(*mode, "mode", kRecordingModesExpected);
+    try {
+      recordings.mode = recording_mode(name);
+    } catch (const ConfigError&) {
+      table.refuse(*mode, "mode", kRecordingModesExpected);
+    }
+  }
+  if (const auto* folder = table.find("folder")) recordings.folder = table.text(*folder, "folder", "a folder of the server's computer");
+  const auto number = [&](const char* key, double& value, double min, double max, const std::string& expected) {
+    if (const auto* found = table.find(key)) value = table.number(*found, key, min, max, expected);
+  };
+  number("max_gb", recordings.max_gb, 0.01, 1e6, "0.01 to 1e6 GB");
+  number("file_mb", recordings.file_mb, 1, 1e5, "1 to 1e5 MB");
+  number("file_minutes", recordings.file_minutes, 0.1, 1e4, "0.1 to 1e4 minutes");
+  table.finish();
+}
+
 fci::SetLoad read_load(const toml::table& node, const std::string& source) {
   Table table(node, source, "arm.load");
   fci::SetLoad load;
@@ -140,6 +176,13 @@ fci::SetLoad read_load(const toml::table& node, const std::string& source) {
   return load;
 }
 
+Eigen::Quaterniond read_quaternion(const Table& table, const toml::node& node) {
+  const auto q = table.numbers<4>(node, "quaternion", -1.01, 1.01, "numbers w, x, y, z of norm 1");
+  const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
+  if (std::abs(rotation.norm() - 1) > 1e-3) table.refuse(node, "quaternion", "4 numbers w, x, y, z of norm 1");
+  return rotation.normalized();
+}
+
 fci::SetNEToEE read_tool(const toml::table& node, const std::string& source) {
   Table table(node, source, "arm.tool");
   Eigen::Isometry3d NE_T_EE = Eigen::Isometry3d::Identity();
@@ -148,10 +191,7 @@ fci::SetNEToEE read_tool(const toml::table& node, const std::string& source) {
         Eigen::Vector3d(table.numbers<3>(*translation, "translation", -2, 2, "numbers, -2 to 2 m").data());
   }
   if (const auto* quaternion = table.find("quaternion")) {
-    const auto q = table.numbers<4>(*quaternion, "quaternion", -1.01, 1.01, "numbers w, x, y, z of norm 1");
-    const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
-    if (std::abs(rotation.norm() - 1) > 1e-3) table.refuse(*quaternion, "quaternion", "4 numbers w, x, y, z of norm 1");
-    NE_T_EE.linear() = rotation.normalized().toRotationMatrix();
+    NE_T_EE.linear() = read_quaternion(table, *quaternion).toRotationMatrix();
   }
   table.finish();
   fci::SetNEToEE tool;
@@ -202,6 +242,47 @@ void read_limits(const toml::table& node, const std::string& source, ArmConfig& 
   table.finish();
 }
 
+frankapy::proto::Wall read_wall(const toml::table& node, const std::string& source) {
+  Table table(node, source, "arm.wall");
+  frankapy::proto::Wall wall;
+  wall.set_name(table.text(table.require("name", "a name"), "name", "a name"));
+  const std::string shapes = "\"plane\", \"box\", \"sphere\", \"cylinder\" or \"capsule\"";
+  const auto& shape = table.require("shape", shapes);
+  const std::string name = table.text(shape, "shape", shapes);
+  const auto length = [&](const char* key, double min) {
+    const std::string expected = fmt::format("{} to 10 m", min);
+    return table.number(table.require(key, expected), key, min, 10, expected);
+  };
+  const auto round = [&](auto& body, double shortest) {
+    body.set_radius(length("radius", 0.001));
+    body.set_length(length("length", shortest));
+  };
+  if (name == "plane") {
+    wall.mutable_plane();
+  } else if (name == "box") {
+    for (double edge : table.numbers<3>(table.require("size", "3 edges, m"), "size", 0.001, 10, "edges, 0.001 to 10 m")) {
+      wall.mutable_box()->add_size(edge);
+    }
+  } else if (name == "sphere") {
+    wall.mutable_sphere()->set_radius(length("radius", 0.001));
+  } else if (name == "cylinder") {
+    round(*wall.mutable_cylinder(), 0.001);
+  } else if (name == "capsule") {
+    round(*wall.mutable_capsule(), 0);
+  } else {
+    table.refuse(shape, "shape", shapes);
+  }
+  std::array<double, 3> position{};
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  if (const auto* given = table.find("position")) position = table.numbers<3>(*given, "position", -10, 10, "numbers, -10 to 10 m");
+  if (const auto* given = table.find("quaternion")) orientation = read_quaternion(table, *given);
+  for (double each : position) wall.add_position(each);
+  for (double each : {orientation.w(), orientation.x(), orientation.y(), orientation.z()}) wall.add_orientation(each);
+  if (const auto* held = table.find("held")) wall.set_held(table.boolean(*held, "held"));
+  table.finish();
+  return wall;
+}
+
 ArmConfig read_arm(const toml::table& node, const std::string& source) {
   Table table(node, source, "arm");
   ArmConfig arm;
@@ -223,11 +304,28 @@ ArmConfig read_arm(const toml::table& node, const std::string& source) {
   if (const auto* hold = table.find("hold_time")) {
     arm.hold_time = table.number(*hold, "hold_time", 0, 3600, "0 to 3600 s");
   }
+  if (const auto* lockstep = table.find("lockstep")) arm.lockstep = table.boolean(*lockstep, "lockstep");
+  if (const auto* processor = table.find("processor")) {
+    const std::string expected = "the number of a processor, from 0";
+    if (!processor->is_integer()) table.refuse(*processor, "processor", expected);
+    arm.processor = static_cast<int>(table.number(*processor, "processor", 0, CPU_SETSIZE - 1, expected));
+  }
   if (const auto* load = table.table("load")) arm.settings.load = read_load(*load, source);
   if (const auto* tool = table.table("tool")) arm.settings.NE_T_EE = read_tool(*tool, source);
   if (const auto* limits = table.table("limits")) read_limits(*limits, source, arm);
   if (const auto* collision = table.table("collision")) {
     arm.settings.collision_behavior = read_collision(*collision, source);
+  }
+  if (const auto* walls = table.find("wall")) {
+    const auto* list = walls->as_array();
+    if (list == nullptr || !list->is_homogeneous<toml::table>()) table.fail(*walls, "arm.wall: expected one [[arm.wall]] for each wall");
+    std::set<std::string> names;
+    for (const auto& each : *list) {
+      arm.walls.push_back(read_wall(*each.as_table(), source));
+      if (!names.insert(arm.walls.back().name()).second) {
+        table.fail(each, fmt::format("arm.wall.name = '{}': another wall has this name", arm.walls.back().name()));
+      }
+    }
   }
   table.finish();
   return arm;
@@ -245,6 +343,14 @@ Config parse_config(const std::string& text, const std::string& source) {
   Config config;
   Table table(root, source, "");
   if (const auto* server = table.table("server")) read_server(*server, source, config);
+  if (const auto* recordings = table.table("recordings")) read_recordings(*recordings, source, config.recordings);
+  if (config.recordings.folder.empty()) config.recordings.folder = data_folder() + "/franka-interface/recordings";
+  if (const auto* load = table.find("load")) {
+    const std::string expected = "a list of libraries of parts, such as [\"build/liblqr.so\"]";
+    const auto* list = load->as_array();
+    if (list == nullptr) table.refuse(*load, "load", expected);
+    for (const auto& each : *list) config.load.push_back(table.text(each, "load", expected));
+  }
   const auto& arms = table.require("arm", "at least one [[arm]] with name and address");
   const auto* list = arms.as_array();
   if (list == nullptr || list->empty() || !list->is_homogeneous<toml::table>()) {
@@ -276,6 +382,13 @@ std::string read_config_file(const std::string& path) {
                                   std::strerror(errno)));
   }
   return {std::istreambuf_iterator<char>(file), {}};
+}
+
+RecordingsConfig::Mode recording_mode(const std::string& name) {
+  for (const auto& [known, mode] : kRecordingModes) {
+    if (name == known) return mode;
+  }
+  throw ConfigError(fmt::format("recordings: \"{}\": expected {}", name, kRecordingModesExpected));
 }
 
 std::string config_of_robot(const std::string& address, bool gripper) {

@@ -4,6 +4,9 @@
 
 #include <Eigen/Geometry>
 
+#include "server/clocks.hpp"
+#include "server/registry.hpp"
+
 namespace server {
 namespace {
 
@@ -78,6 +81,45 @@ void convert(const fci::RobotState& from, proto::RobotState& to) {
   to.set_control_command_success_rate(from.control_command_success_rate);
 }
 
+void convert(const fci::RobotCommand& from, const fci::RobotState& state, proto::Command& to) {
+  using Generator = fci::MotionGeneratorMode;
+  switch (state.motion_generator_mode) {
+    case Generator::kJointPosition: put(from.q_c, to.mutable_q_c()); break;
+    case Generator::kJointVelocity: put(from.dq_c, to.mutable_dq_c()); break;
+    case Generator::kCartesianPosition: put(from.O_T_EE_c, to.mutable_o_t_ee_c()); break;
+    case Generator::kCartesianVelocity: put(from.O_dP_EE_c, to.mutable_o_dp_ee_c()); break;
+    default: break;
+  }
+  if (state.controller_mode == fci::ControllerMode::kExternal) put(from.tau_J_d, to.mutable_tau_j_d());
+  to.set_motion_generation_finished(from.motion_generation_finished);
+}
+
+std::string title_of(std::uint16_t part) {
+  const auto titles = titles_of_kinds();
+  return part == 0 || part > titles.size() ? "a part" : "the " + titles[part - 1];
+}
+
+std::string explain(const realtime::PartFault& fault) {
+  using Why = realtime::PartFault::Why;
+  switch (fault.why) {
+    case Why::kNotFinite: return "gave a value that is not finite";
+    case Why::kTooLong:
+      return fmt::format("takes too long for the 1 kHz loop: the last step took {:.2f} ms, and should take {} ms at most",
+                         fault.ns * 1e-6, realtime::PartWatch::kBudget * 1e-6);
+    case Why::kAllocates: return "took memory from the heap in the 1 kHz loop, which may wait: take it in the constructor";
+    case Why::kNone: break;
+  }
+  return "is at fault";
+}
+
+// Where commands did not come in time, a long step is worth a word.
+std::string late_step(const realtime::SkillResult& result) {
+  constexpr std::int64_t kLong = 5'000'000;  // ns
+  const bool late = result.errors[static_cast<std::size_t>(fci::Error::kCommunicationConstraints)];
+  if (!late || result.fault.ns < kLong) return "";
+  return fmt::format(". One step of {} took {:.0f} ms: was it that?", title_of(result.fault.part), result.fault.ns * 1e-6);
+}
+
 std::string explain(const realtime::SkillResult& result) {
   switch (result.ending) {
     case realtime::Ending::kTerminated:
@@ -90,8 +132,9 @@ std::string explain(const realtime::SkillResult& result) {
                            result.time, proto::RobotMode_Name(convert(result.robot_mode)));
       }
       return fmt::format("the robot stopped after {:.3f} s with {}: clear what caused it, then recover "
-                         "(automatic error recovery)",
-                         result.time, fci::names(result.errors));
+                         "(automatic error recovery){}",
+                         result.time, fci::names(result.errors),
+                         late_step(result));
     case realtime::Ending::kRefused:
       if (result.status == fci::Status::kFailed) {
         return fmt::format("the robot did not answer {} in time. Nothing has moved", fci::name(result.refused));
@@ -101,10 +144,11 @@ std::string explain(const realtime::SkillResult& result) {
                          fci::name(result.refused), fci::name(result.status));
     case realtime::Ending::kConnectionLost:
       return "the connection to the robot was lost: check its network and FCI; the server connects again by itself";
+    case realtime::Ending::kCancelled:
+      return "it was queued behind a skill that did not end by itself. It has not begun";
     case realtime::Ending::kComponentFault:
-      return fmt::format("trajectory or controller gave a value that is not finite after {:.3f} s; the arm was "
-                         "brought to rest: this is a defect of that component, please report it",
-                         result.time);
+      return fmt::format("{} {}. After {:.3f} s the arm was brought to rest without it: this is a defect of that part",
+                         title_of(result.fault.part), explain(result.fault), result.time);
   }
   return "";
 }
@@ -136,6 +180,7 @@ proto::Ending convert(realtime::Ending ending) {
     case realtime::Ending::kRefused: return proto::REFUSED;
     case realtime::Ending::kConnectionLost: return proto::CONNECTION_LOST;
     case realtime::Ending::kComponentFault: return proto::COMPONENT_FAULT;
+    case realtime::Ending::kCancelled: return proto::CANCELLED;
   }
   return proto::ROBOT_ERROR;
 }
@@ -161,6 +206,21 @@ void convert(const realtime::Record& record, proto::ArmState& out) {
   out.set_cycles(record.cycles);
   out.set_lost_states(record.lost_states);
   out.set_compute_us(record.compute_ns * 1e-3);
+  out.set_time_ns(since_epoch_ns(record.received_ns));
+  out.clear_command();
+  if (commanded) convert(record.command, record.state, *out.mutable_command());
+}
+
+std::string errors_of(const fci::RobotState& state) {
+  if (fci::any(state.errors)) return fci::names(state.errors);
+  if (fci::any(state.reflex_reason)) return fci::names(state.reflex_reason);
+  switch (state.robot_mode) {
+    case fci::RobotMode::kUserStopped: return "user stop is pressed";
+    case fci::RobotMode::kGuiding: return "the arm is being guided by hand";
+    case fci::RobotMode::kReflex: return "a reflex stopped it";
+    case fci::RobotMode::kOther: return "it is locked or its FCI is not active";
+    default: return "another program moves it";
+  }
 }
 
 void convert(const realtime::SkillResult& result, proto::SkillResult& out) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <string>
+
 #include "frankapy/proto/service.pb.h"
 #include "realtime/door.hpp"
 
@@ -11,6 +13,9 @@ void convert(const realtime::Record& record, frankapy::proto::ArmState& out);
 
 frankapy::proto::Phase convert(realtime::Phase phase);
 frankapy::proto::Ending convert(realtime::Ending ending);
+
+// What keeps the robot from moving, by the names of its errors or else by its mode, for people.
+std::string errors_of(const fci::RobotState& state);
 
 // Fills in everything but `termination` and `last_state`; `message` says for people what happened and
 // what to do.

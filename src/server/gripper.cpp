@@ -7,7 +7,7 @@
 namespace server {
 namespace {
 
-constexpr auto kRetry = std::chrono::seconds(1);
+constexpr auto kConnectPeriod = std::chrono::seconds(1);
 constexpr std::size_t kMostAtOnce = 8;
 
 using Outcome = robot::GripperClient::Outcome;
@@ -88,7 +88,7 @@ void Gripper::keep_connected() {
       attempted_ = true;
       changed_.notify_all();
     }
-    changed_.wait_for(lock, kRetry, [this] { return quit_; });
+    changed_.wait_for(lock, kConnectPeriod, [this] { return quit_; });
   }
 }
 

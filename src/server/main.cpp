@@ -4,17 +4,21 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <iostream>
 #include <iterator>
 
+#include "allocations/allocations.hpp"
 #include "server/arm_process.hpp"
 #include "server/config.hpp"
+#include "server/plugins.hpp"
 #include "server/supervisor.hpp"
 
 int main(int argc, char** argv) {
   CLI::App app("Serves Franka arms to frankapy. Give the arm's address, or a file that names the arms.");
   std::string config_file, robot, listen;
   int port = -1;
+  std::vector<std::string> load;
   bool gripper = true;
   auto* config_option = app.add_option("--config", config_file, "TOML file of the server and its arms");
   app.add_option("--robot", robot, "address of one robot, instead of a file")->excludes(config_option);
@@ -22,6 +26,11 @@ int main(int argc, char** argv) {
   app.add_option("--port", port, "port to serve at (default 5757; 0: a free one, printed first)")
       ->check(CLI::Range(0, 65535));
   app.add_flag("--gripper,!--no-gripper", gripper, "look for a Franka hand (default), with --robot");
+
+  std::string record, recordings;
+  app.add_option("--record", record, "what is recorded: off, errors (default: ten seconds before each), skills, always");
+  app.add_option("--recordings", recordings, "folder of the recordings")->type_name("FOLDER");
+  app.add_option("--load", load, "library of parts of your own, for all arms; once for each");
 
   server::ArmOptions arm;
   bool supervised = false;
@@ -31,17 +40,29 @@ int main(int argc, char** argv) {
   arm_command->add_option("--listen", arm.listen);
   arm_command->add_option("--port", arm.port);
   arm_command->add_option("--state-port", arm.state_port);
+  arm_command->add_option("--sensor-port", arm.sensor_port);
+  arm_command->add_option("--load", load);
+  arm_command->add_option("--record", record);
+  arm_command->add_option("--recordings", recordings);
   arm_command->add_flag("--supervised", supervised);
   CLI11_PARSE(app, argc, argv);
+
+  const auto choose_recordings = [&](server::Config& config) {
+    if (!record.empty()) config.recordings.mode = server::recording_mode(record);
+    if (!recordings.empty()) config.recordings.folder = std::filesystem::absolute(recordings);
+  };
 
   spdlog::set_default_logger(spdlog::stderr_color_mt("franka-interface"));
   spdlog::set_pattern("[%H:%M:%S.%e] %^%l%$ %v");
   try {
     if (*arm_command) {
       const std::string toml(std::istreambuf_iterator<char>(std::cin), {});
-      const auto config = server::parse_config(toml, "standard input");
-      if (supervised) arm.status_fd = 3;
-      return server::run_arm(config.arms.at(arm.index), arm);
+      auto config = server::parse_config(toml, "standard input");
+      choose_recordings(config);
+      if (supervised) arm.status_fd = server::ArmOptions::kStatusFd;
+      if (allocations::kCounts) arm.allocations = allocations::of_this_thread;
+      for (const auto& path : load) server::load_parts(path);
+      return server::run_arm(config.arms.at(arm.index), config.recordings, arm);
     }
     if (config_file.empty() && robot.empty()) {
       throw server::ConfigError("which arm? Give --robot ADDRESS, or --config FILE (TOML); see --help");
@@ -51,7 +72,16 @@ int main(int argc, char** argv) {
     auto config = server::parse_config(toml, config_file.empty() ? "command line" : config_file);
     if (!listen.empty()) config.listen = listen;
     if (port >= 0) config.port = static_cast<std::uint16_t>(port);
-    return server::run_supervisor(config, toml);
+    choose_recordings(config);
+    // Here relative to the working folder, in the file to the file's.
+    for (auto& path : load) path = std::filesystem::absolute(path);
+    const auto folder = std::filesystem::absolute(std::filesystem::path(config_file).parent_path() / ".");
+    for (const auto& path : config.load) load.push_back((folder / path).lexically_normal());
+    server::try_parts(load);
+    std::vector<std::string> arguments = {"--recordings", config.recordings.folder};
+    if (!record.empty()) arguments.insert(arguments.end(), {"--record", record});
+    for (const auto& path : load) arguments.insert(arguments.end(), {"--load", path});
+    return server::run_supervisor(config, toml, arguments);
   } catch (const std::exception& error) {
     spdlog::critical("{}", error.what());
     return EXIT_FAILURE;

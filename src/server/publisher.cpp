@@ -1,9 +1,15 @@
 #include "server/publisher.hpp"
 
+#include <google/protobuf/util/field_mask_util.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <charconv>
 #include <chrono>
+#include <system_error>
+#include <utility>
 
+#include "server/clocks.hpp"
 #include "server/convert.hpp"
 #include "server/gripper.hpp"
 #include "server/sockets.hpp"
@@ -14,22 +20,19 @@ namespace proto = frankapy::proto;
 
 namespace {
 
-constexpr auto kPeriod = std::chrono::microseconds(500);
-constexpr auto kTell = std::chrono::seconds(1);
-constexpr std::size_t kDescriptionsKept = 64;
-
-std::int64_t now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
+constexpr auto kPublishPeriod = std::chrono::microseconds(500);
+constexpr auto kTellPeriod = std::chrono::seconds(1);
+constexpr int kSendQueue = 10'000;  // states that a subscriber may be behind: 10 s
+constexpr std::size_t kMostTopics = 64;
+constexpr std::size_t kDescriptionsKept = 512;
 
 }  // namespace
 
 Publisher::Publisher(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
                      Gripper* gripper)
-    : door_(door), gripper_(gripper), socket_(context, zmq::socket_type::xpub) {
+    : records_(door.records), gripper_(gripper), socket_(context, zmq::socket_type::xpub) {
   socket_.set(zmq::sockopt::linger, 0);
-  socket_.set(zmq::sockopt::sndhwm, 1000);
+  socket_.set(zmq::sockopt::sndhwm, kSendQueue);
   socket_.set(zmq::sockopt::xpub_verbose, 0);
   endpoint_ = bind(socket_, listen, port);
   thread_ = std::thread([this] { run(); });
@@ -41,23 +44,23 @@ Publisher::~Publisher() {
 }
 
 void Publisher::run() {
+  realtime::Record record;
   std::uint64_t lost = 0;  // told of
   auto told = std::chrono::steady_clock::now();
   while (!quit_) {
     take_subscriptions();
-    while (const realtime::Record* record = door_.records.front()) {
-      if (subscriptions_ > 0) publish(*record);
+    while (records_.next(record)) {
+      if (!topics_.empty()) publish(record);
       const std::lock_guard lock(mutex_);
-      newest_ = *record;
-      door_.records.pop();
+      newest_ = record;
     }
     const auto now = std::chrono::steady_clock::now();
-    if (const std::uint64_t all = door_.records_lost.load(); all != lost && now - told > kTell) {
+    if (const std::uint64_t all = records_.lost(); all != lost && now - told > kTellPeriod) {
       spdlog::warn("{} states were not published: this computer is too busy", all - lost);
       lost = all;
       told = now;
     }
-    std::this_thread::sleep_for(kPeriod);
+    std::this_thread::sleep_for(kPublishPeriod);
   }
 }
 
@@ -66,10 +69,33 @@ void Publisher::take_subscriptions() {
   zmq::message_t message;
   while (socket_.recv(message, zmq::recv_flags::dontwait)) {
     if (message.size() == 0) continue;
-    const char kind = *message.data<char>();
-    if (kind == 1) ++subscriptions_;
-    if (kind == 0 && subscriptions_ > 0) --subscriptions_;
+    std::string text(message.data<char>() + 1, message.size() - 1);
+    if (text.ends_with('\0')) text.pop_back();
+    if (*message.data<char>() == 0) {
+      topics_.erase(text);
+    } else if (auto topic = parse(text); topic && topics_.size() < kMostTopics) {
+      topics_[text] = std::move(*topic);
+    } else {
+      spdlog::warn("nothing is published to a subscription of \"{:.80}\"", text);
+    }
   }
+}
+
+// None for what is no such text.
+std::optional<Publisher::Topic> Publisher::parse(const std::string& text) {
+  Topic topic;
+  const std::size_t space = std::min(text.find(' '), text.size());
+  const auto [end, error] = std::from_chars(text.data(), text.data() + space, topic.every);
+  if (error != std::errc() || end != text.data() + space || topic.every == 0) return std::nullopt;
+  if (space < text.size()) {
+    auto& fields = topic.fields.emplace();
+    google::protobuf::util::FieldMaskUtil::FromString(text.substr(space + 1), &fields);
+    if (fields.paths().empty() || !google::protobuf::util::FieldMaskUtil::IsValidFieldMask<proto::ArmState>(fields)) {
+      return std::nullopt;
+    }
+  }
+  topic.prefix = text + '\0';
+  return topic;
 }
 
 void Publisher::publish(const realtime::Record& record) {
@@ -78,8 +104,18 @@ void Publisher::publish(const realtime::Record& record) {
     const std::lock_guard lock(mutex_);
     add_rest(record, message_);
   }
-  message_.SerializeToString(&bytes_);
-  socket_.send(zmq::buffer(bytes_), zmq::send_flags::dontwait);
+  for (const auto& [text, topic] : topics_) {
+    if (record.cycles % topic.every != 0) continue;
+    bytes_ = topic.prefix;
+    if (topic.fields) {
+      part_.Clear();
+      google::protobuf::util::FieldMaskUtil::MergeMessageTo(message_, *topic.fields, {}, &part_);
+      part_.AppendToString(&bytes_);
+    } else {
+      message_.AppendToString(&bytes_);
+    }
+    socket_.send(zmq::buffer(bytes_), zmq::send_flags::dontwait);
+  }
 }
 
 // With mutex_ locked.

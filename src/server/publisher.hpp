@@ -1,6 +1,10 @@
 #pragma once
 
+#include <google/protobuf/field_mask.pb.h>
+
 #include <atomic>
+#include <cstdint>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -15,8 +19,11 @@ namespace server {
 
 class Gripper;
 
-// Takes the loop's records, publishes each as ArmState while somebody listens, and keeps the newest for
-// reads. A slow subscriber loses states; nobody waits for it.
+// Takes the loop's records, publishes them as ArmState to those who listen, and keeps the newest for reads. A slow subscriber
+// loses states; nobody waits for it.
+//
+// What is subscribed to says which states: "1" all, "10" one in ten, "10 robot.q,robot.dq,phase" these fields of it. A message is
+// that text, a zero byte, and the ArmState.
 class Publisher {
  public:
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
@@ -35,17 +42,25 @@ class Publisher {
   void describe(std::uint64_t id, const std::string& description);
 
  private:
+  // What somebody listens to.
+  struct Topic {
+    std::string prefix;
+    std::uint64_t every = 1;
+    std::optional<google::protobuf::FieldMask> fields;
+  };
+
   void run();
   void take_subscriptions();
+  static std::optional<Topic> parse(const std::string& text);
   void publish(const realtime::Record& record);
   void add_rest(const realtime::Record& record, frankapy::proto::ArmState& state) const;
 
-  realtime::Door& door_;
+  bridge::RingReader<realtime::Record> records_;
   Gripper* gripper_;
   zmq::socket_t socket_;
   std::string endpoint_;
-  int subscriptions_ = 0;
-  frankapy::proto::ArmState message_;
+  std::map<std::string, Topic> topics_;
+  frankapy::proto::ArmState message_, part_;
   std::string bytes_;
 
   mutable std::mutex mutex_;

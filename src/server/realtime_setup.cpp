@@ -7,6 +7,7 @@
 #include <sys/resource.h>
 #include <sys/utsname.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <fstream>
@@ -77,15 +78,21 @@ void prefault_stack() {
   for (std::size_t i = 0; i < kStack; i += 4096) static_cast<volatile char*>(stack)[i] = 0;
 }
 
-std::string pin(int index) {
+std::string pin(int index, std::optional<int> processor, RealtimeReport& report) {
   const auto isolated = parse_cpu_list(first_line("/sys/devices/system/cpu/isolated"));
-  if (isolated.empty()) return "";
-  const int cpu = isolated[index % isolated.size()];
+  if (isolated.empty() && !processor) return "";
+  const int cpu = processor ? *processor : isolated[index % isolated.size()];
   cpu_set_t set;
   CPU_ZERO(&set);
   CPU_SET(cpu, &set);
-  if (pthread_setaffinity_np(pthread_self(), sizeof set, &set) != 0) return "";
-  return fmt::format(", isolated processor {}", cpu);
+  if (pthread_setaffinity_np(pthread_self(), sizeof set, &set) != 0) {
+    report.deficiencies.push_back(fmt::format("processor {} cannot be used: the loop runs on any. Remedy: name one of {} "
+                                              "in the configuration",
+                                              cpu, first_line("/sys/devices/system/cpu/online")));
+    return "";
+  }
+  const bool alone = std::find(isolated.begin(), isolated.end(), cpu) != isolated.end();
+  return fmt::format(", {}processor {}", alone ? "isolated " : "", cpu);
 }
 
 }  // namespace
@@ -110,12 +117,16 @@ RealtimeReport prepare_process() {
   return report;
 }
 
-void prepare_thread(int index, RealtimeReport& report) {
+void prepare_thread(int index, std::optional<int> processor, bool realtime, RealtimeReport& report) {
   prefault_stack();
+  if (!realtime) {
+    report.scheduling = "normal, for an arm in lockstep" + pin(index, processor, report);
+    return;
+  }
   const sched_param parameters{.sched_priority = kPriority};
   const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters);
   report.scheduling = error == 0 ? fmt::format("SCHED_FIFO {}", kPriority) : "normal, not real-time";
-  report.scheduling += pin(index);
+  report.scheduling += pin(index, processor, report);
   if (error != 0) {
     report.deficiencies.push_back(
         fmt::format("SCHED_FIFO is refused ({}): other programs delay the loop. Remedy: the line \"<user> - rtprio 99\" in "

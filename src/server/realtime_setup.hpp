@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,10 +18,10 @@ struct RealtimeReport {
 // Returns what was found of kernel, memory and processor clock.
 RealtimeReport prepare_process();
 
-// To be called by the loop's thread, number `index` of this computer: SCHED_FIFO; an isolated processor
-// of its own where there are any (elsewhere the kernel chooses better); a stack that is in memory.
-// Adds to the report what came of it.
-void prepare_thread(int index, RealtimeReport& report);
+// To be called by the loop's thread, number `index` of this computer: SCHED_FIFO where `realtime`; the processor that is
+// named, or else an isolated one of its own where there are any (elsewhere the kernel chooses better); a stack that is in
+// memory. Adds to the report what came of it.
+void prepare_thread(int index, std::optional<int> processor, bool realtime, RealtimeReport& report);
 
 // Numbers in a list of the kernel's form "2-3,7".
 std::vector<int> parse_cpu_list(const std::string& text);

@@ -2,23 +2,37 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
 #include <numbers>
+#include <vector>
 
+#include "realtime/tool.hpp"
+#include "realtime/trajectories/slowed.hpp"
+#include "server/part_record.hpp"
 #include "server/reachability.hpp"
 #include "server/refused.hpp"
 #include "server/registry.hpp"
-#include "server/validation.hpp"
+#include "server/wall_store.hpp"
 
 namespace server {
 namespace {
 
+using realtime::Effort;
 using realtime::Reference;
 using realtime::ReferenceKind;
 using realtime::Vector7;
 
 constexpr std::size_t kMaxDescription = 1024;  // bytes
-constexpr int kMaxTerminations = 16;
+constexpr int kMostTerminations = 16;
 constexpr int kPathSamples = 8;
+constexpr int kSpeedSamples = 200;
+constexpr int kWallSamples = 100;         // of a way of joints
+constexpr int kWallSamplesBetween = 12;  // any two of the kPathSamples of a way of poses
+constexpr double kToolSpeedShare = 0.95;  // the rest is for what the arm does beside its reference
+constexpr double kFarStart = 60, kLateStart = 1;  // s
 // Where a limit is the goal: rounding on the way to it is no violation.
 constexpr double kJointTolerance = 1e-6;  // rad
 
@@ -26,6 +40,14 @@ constexpr double kJointTolerance = 1e-6;  // rad
 
 std::string name(ReferenceKind kind) {
   return kind == ReferenceKind::kJoint ? "joint references" : "Cartesian references";
+}
+std::string name(const realtime::TrajectoryGenerator& trajectory) {
+  switch (trajectory.effort()) {
+    case Effort::kWrench: return name(trajectory.reference_kind()) + " with a wrench";
+    case Effort::kTorque: return name(trajectory.reference_kind()) + " with torques";
+    case Effort::kNone: break;
+  }
+  return name(trajectory.reference_kind());
 }
 
 void check_message(const proto::Skill& message) {
@@ -39,22 +61,10 @@ void check_message(const proto::Skill& message) {
   if (!message.has_controller()) {
     refuse(fmt::format("Skill.controller is missing: expected one of {}", fmt::join(controller_kinds(), ", ")));
   }
-  if (message.terminations_size() > kMaxTerminations) {
+  if (message.terminations_size() > kMostTerminations) {
     refuse(fmt::format("Skill.terminations has {} elements: expected at most {}", message.terminations_size(),
-                       kMaxTerminations));
+                       kMostTerminations));
   }
-}
-
-// Where a trajectory of that kind would begin: the reference that is commanded now, else what is measured.
-Reference start_of(ReferenceKind kind, const realtime::Record& now) {
-  if (now.command.message_id != 0 && now.reference.kind == kind) return now.reference;
-  Reference start;
-  start.kind = kind;
-  start.joint.q = Eigen::Map<const Vector7>(now.state.q.data());
-  const Eigen::Isometry3d O_T_EE(Eigen::Map<const Eigen::Matrix4d>(now.state.O_T_EE.data()));
-  start.cartesian.position = O_T_EE.translation();
-  start.cartesian.orientation = Eigen::Quaterniond(O_T_EE.linear()).normalized();
-  return start;
 }
 
 std::string text_of(const Reference& reference) {
@@ -78,45 +88,167 @@ std::string place(int sample) {
   return sample == kPathSamples ? "its goal" : fmt::format("its path, {:.0f} % on", 100.0 * sample / kPathSamples);
 }
 
+// On CLOCK_MONOTONIC, of a time on this computer's clock, s since 1970.
+std::int64_t start_ns(double start_time) {
+  const double ahead = start_time - std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+  if (!(ahead > -kLateStart && ahead < kFarStart)) {
+    refuse(fmt::format("Skill.start_time is {:.3f} s {} by the server's clock: expected at most {:.0f} s ahead. Do the clocks of "
+                       "both computers agree?",
+                       std::abs(ahead), ahead < 0 ? "in the past" : "ahead", kFarStart));
+  }
+  const auto now = std::chrono::steady_clock::now().time_since_epoch();
+  return std::chrono::nanoseconds(now).count() + std::llround(1e9 * ahead);
+}
+
+using Generator = fci::MotionGeneratorMode;
+
+// A robot controller that has a name of its own.
+struct Named {
+  proto::RobotController name;
+  bool torque;  // ours, else the robot's own impedance
+  Generator generator;
+};
+constexpr std::array<Named, 9> kRobotControllers = {{
+    {proto::TORQUE, true, Generator::kNone},
+    {proto::JOINT_POSITION, false, Generator::kJointPosition},
+    {proto::JOINT_VELOCITY, false, Generator::kJointVelocity},
+    {proto::CARTESIAN_POSE, false, Generator::kCartesianPosition},
+    {proto::CARTESIAN_VELOCITY, false, Generator::kCartesianVelocity},
+    {proto::TORQUE_AND_JOINT_POSITION, true, Generator::kJointPosition},
+    {proto::TORQUE_AND_JOINT_VELOCITY, true, Generator::kJointVelocity},
+    {proto::TORQUE_AND_CARTESIAN_POSE, true, Generator::kCartesianPosition},
+    {proto::TORQUE_AND_CARTESIAN_VELOCITY, true, Generator::kCartesianVelocity},
+}};
+
+// The rule of what fits: controllers of ours make torques, the robot's own impedance follows the robot's reference. That is
+// of the trajectory's kind; of a pose the robot makes joints, which a controller may follow instead.
+bool fits(const Named& named, const realtime::Controller& controller, ReferenceKind kind, Effort effort) {
+  if (!controller.exerts(effort)) return false;
+  const robot::Mode mode = {controller.mode(kind).controller, named.generator};
+  if (mode.torque() != named.torque || (mode.motion() && !controller.tracks())) return false;
+  if (mode.motion() && mode.cartesian() != (kind == ReferenceKind::kCartesian)) return false;
+  return controller.accepts(kind) || (mode.torque() && mode.cartesian() && controller.accepts(ReferenceKind::kJoint));
+}
+
+robot::Mode choose(const proto::Skill& message, const realtime::Controller& controller,
+                   const realtime::TrajectoryGenerator& generator, const realtime::Arm& arm) {
+  const ReferenceKind kind = generator.reference_kind();
+  std::string fitting;
+  for (const Named& each : kRobotControllers) {
+    if (!fits(each, controller, kind, generator.effort())) continue;
+    if (message.robot_controller() == proto::AUTO || message.robot_controller() == each.name) {
+      return {controller.mode(kind).controller, each.generator};
+    }
+    fitting += (fitting.empty() ? "" : ", ") + proto::RobotController_Name(each.name);
+  }
+  const std::string trajectory = kind_of(message.trajectory());
+  if (fitting.empty()) {
+    refuse(fmt::format("{} does not take the {} of {}: use {}, or another trajectory", kind_of(message.controller()),
+                       name(generator), trajectory, controllers_that_accept(generator, arm)));
+  }
+  refuse(fmt::format("the robot controller {} does not fit {} with the {} of {}: use {}",
+                     proto::RobotController_Name(message.robot_controller()), kind_of(message.controller()),
+                     name(generator), trajectory, fitting));
+}
+
 }  // namespace
+
+proto::RobotController name_of(const robot::Mode& mode) {
+  const auto found = std::find_if(kRobotControllers.begin(), kRobotControllers.end(), [&](const Named& each) {
+    return each.torque == mode.torque() && each.generator == mode.generator;
+  });
+  return found->name;
+}
 
 SkillBuilder::SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits)
     : model_(std::move(model)), limits_(limits) {}
 
-std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message, const realtime::Record& now) {
+std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message, const realtime::Record& now,
+                                                     const Reference* after, bool path) {
   check_message(message);
+  realtime::carry(now.state, *model_);
+  const realtime::Arm arm{limits_, *model_, joints_at_start(now, after)};
+  model_->update(arm.q, Vector7::Zero());
   auto skill = std::make_unique<realtime::Skill>();
-  skill->trajectory = make_trajectory(message.trajectory(), limits_);
-  skill->controller = make_controller(message.controller(), limits_);
+  skill->trajectory = make_trajectory(message.trajectory(), arm);
+  if (message.speed() < 1) skill->trajectory = std::make_unique<realtime::Slowed>(std::move(skill->trajectory), message.speed());
+  skill->controller = make_controller(message.controller(), arm);
   const std::string trajectory = kind_of(message.trajectory());
   const ReferenceKind kind = skill->trajectory->reference_kind();
-  if (!skill->controller->accepts(kind)) {
-    refuse(fmt::format("{} does not take the {} of {}: use {}, or another trajectory", kind_of(message.controller()),
-                       name(kind), trajectory, controllers_that_accept(kind, limits_)));
-  }
+  skill->numbers = {number_of(trajectory), number_of(kind_of(message.controller())), {}};
+  skill->mode = choose(message, *skill->controller, *skill->trajectory, arm);
   for (const auto& any : message.terminations()) {
-    auto termination = make_termination(any, limits_);
+    auto termination = make_termination(any, arm);
     if (!termination->accepts(kind)) {
       refuse(fmt::format("{} cannot judge the {} of {}: use {}", kind_of(any), name(kind), trajectory,
-                         terminations_that_accept(kind, limits_)));
+                         terminations_that_accept(kind, arm)));
     }
     skill->terminations.push_back(std::move(termination));
+    skill->numbers.terminations.push_back(number_of(kind_of(any)));
   }
-  skill->mode = skill->controller->mode(kind);
   skill->settings = skill->controller->settings();
+  for (const auto& termination : skill->terminations) {
+    if (auto settings = termination->settings(); settings.collision_behavior) {
+      skill->settings.collision_behavior = settings.collision_behavior;
+    }
+  }
 
+  if (message.has_start_time()) skill->start_ns = start_ns(message.start_time());
+  if (!path) return skill;
+  const InPart in_part(skill->numbers.trajectory);
   // The loop starts it again, from where the arm then is.
-  skill->trajectory->start(start_of(kind, now));
+  const Reference start = start_of(kind, now, after, arm.q);
+  skill->trajectory->start(start);
   if (skill->trajectory->shortened()) {
     refuse(fmt::format("{}: its goal is beyond the arm's range; the nearest is {}", trajectory,
                        text_of(skill->trajectory->goal())));
   }
   if (kind == ReferenceKind::kJoint) {
+    keep_tool_speed(skill->trajectory, start);
     check_joint_path(*skill->trajectory, trajectory);
   } else {
-    check_cartesian_path(*skill->trajectory, trajectory, now);
+    check_cartesian_path(*skill->trajectory, trajectory, arm.q);
   }
   return skill;
+}
+
+// Where the skill before ends; else as measured.
+Vector7 SkillBuilder::joints_at_start(const realtime::Record& now, const Reference* after) {
+  const Vector7 q = Eigen::Map<const Vector7>(now.state.q.data());
+  if (after == nullptr) return q;
+  return after->kind == ReferenceKind::kJoint ? after->joint.q : reach(*model_, limits_, pose_of(*after), q).q;
+}
+
+// Where a trajectory of that kind will begin: where the one before ends; else the reference that is commanded now; else what
+// is measured.
+Reference SkillBuilder::start_of(ReferenceKind kind, const realtime::Record& now, const Reference* after, const Vector7& q) {
+  if (after == nullptr && now.command.message_id != 0 && now.reference.kind == kind) return now.reference;
+  Eigen::Isometry3d O_T_EE(Eigen::Map<const Eigen::Matrix4d>(now.state.O_T_EE.data()));
+  if (after != nullptr) O_T_EE = after->kind == ReferenceKind::kJoint ? model_->O_T_EE(q) : pose_of(*after);
+  Reference start;
+  start.kind = kind;
+  start.joint.q = q;
+  start.cartesian.position = O_T_EE.translation();
+  start.cartesian.orientation = Eigen::Quaterniond(O_T_EE.linear()).normalized();
+  return start;
+}
+
+void SkillBuilder::keep_tool_speed(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const Reference& from) {
+  const double step = trajectory->duration() / kSpeedSamples;
+  if (!(step > 0 && std::isfinite(step))) return;
+  Reference reference;
+  realtime::Vector3 last;
+  double fastest = 0;
+  for (int sample = 0; sample <= kSpeedSamples; ++sample) {
+    trajectory->step(step * sample, reference);
+    const realtime::Vector3 place = model_->O_T_EE(reference.joint.q).translation();
+    if (sample > 0) fastest = std::max(fastest, (place - last).norm() / step);
+    last = place;
+  }
+  const double speed = kToolSpeedShare * limits_.translation.velocity / fastest;
+  if (!(speed < 1)) return;
+  trajectory = std::make_unique<realtime::Slowed>(std::move(trajectory), std::max(speed, 0.01), true);
+  trajectory->start(from);
 }
 
 void SkillBuilder::check_joint_path(realtime::TrajectoryGenerator& trajectory, const std::string& kind) const {
@@ -135,12 +267,17 @@ void SkillBuilder::check_joint_path(realtime::TrajectoryGenerator& trajectory, c
                          kind, i + 1, q, place(sample), limits_.q_min[i], limits_.q_max[i]));
     }
   }
+  if (!walled()) return;
+  std::vector<Vector7> way;
+  for (int sample = 0; sample <= kWallSamples; ++sample) {
+    trajectory.step(duration * sample / kWallSamples, reference);
+    way.push_back(reference.joint.q);
+  }
+  way.push_back(trajectory.goal().joint.q);
+  check_walls(*walls_, *wall_names_, way, kind);
 }
 
-void SkillBuilder::check_cartesian_path(realtime::TrajectoryGenerator& trajectory, const std::string& kind,
-                                        const realtime::Record& now) {
-  model_->set_tool(1, realtime::Vector3::Zero(), Eigen::Matrix3d::Identity(),
-                   Eigen::Isometry3d(Eigen::Map<const Eigen::Matrix4d>(now.state.F_T_EE.data())));
+void SkillBuilder::check_cartesian_path(realtime::TrajectoryGenerator& trajectory, const std::string& kind, Vector7 q) {
   const double duration = trajectory.duration();
   const auto check = [&](int sample, const Eigen::Isometry3d& pose, const Vector7& from) {
     const Reach result = reach(*model_, limits_, pose, from);
@@ -151,14 +288,24 @@ void SkillBuilder::check_cartesian_path(realtime::TrajectoryGenerator& trajector
                        kind, place(sample), text(pose.translation()), text(result.O_T_EE.translation()),
                        1e3 * result.distance, result.angle * 180 / std::numbers::pi));
   };
-  Vector7 q = Eigen::Map<const Vector7>(now.state.q.data());
   Reference reference;
   // The goal first: it is what people ask for, and what to name when it is the goal that is wrong.
   check(kPathSamples, pose_of(trajectory.goal()), q);
-  for (int sample = 1; sample < kPathSamples; ++sample) {
+  std::vector<Vector7> way = {q};
+  const int last = walled() ? kPathSamples : kPathSamples - 1;  // where there are walls, with the joints that lead to the goal
+  for (int sample = 1; sample <= last; ++sample) {
     trajectory.step(duration * sample / kPathSamples, reference);
-    q = check(sample, pose_of(reference), q);
+    if (sample == kPathSamples) reference = trajectory.goal();
+    const Vector7 next = check(sample, pose_of(reference), q);
+    for (int k = 1; k <= kWallSamplesBetween; ++k) way.push_back(q + (next - q) * k / kWallSamplesBetween);
+    q = next;
   }
+  if (walled()) check_walls(*walls_, *wall_names_, way, kind);
+}
+
+void SkillBuilder::keep_from(std::unique_ptr<const realtime::Walls> walls, const WallStore& names) {
+  walls_ = std::move(walls);
+  wall_names_ = &names;
 }
 
 }  // namespace server

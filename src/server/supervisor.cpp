@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <spdlog/spdlog.h>
-#include <sys/mman.h>
 #include <sys/signalfd.h>
 #include <sys/socket.h>
 #include <sys/syscall.h>
@@ -13,13 +12,22 @@
 #include <array>
 #include <chrono>
 #include <cstdio>
+#include <future>
 #include <memory>
 #include <system_error>
+#include <utility>
 #include <vector>
 #include <zmq.hpp>
 
 #include "frankapy/proto/service.pb.h"
+#include "server/arm_process.hpp"
+#include "server/black_box.hpp"
+#include "server/part_record.hpp"
+#include "server/recorder.hpp"
+#include "server/shared_memory.hpp"
 #include "server/sockets.hpp"
+#include "server/system_call.hpp"
+#include "server/wakeful_clock.hpp"
 
 namespace server {
 namespace {
@@ -33,30 +41,39 @@ constexpr auto kSilence = 1s;      // of a child that was heard before: it hangs
 constexpr auto kFirstWord = 10s;   // for a new child
 constexpr auto kShortLife = 1s;    // a child that ends sooner is started again later
 constexpr auto kStopTime = 6s;     // to brake, finish and end
-constexpr int kStatusFd = 3;       // in the child
+constexpr int kFirstFreeFd = 16;   // in a child, for a moment
 constexpr std::size_t kMaxStatus = 64 << 10;       // bytes
-constexpr std::int64_t kMaxMessage = 1 << 20;  // bytes
-
-[[noreturn]] void fail(const char* what) { throw std::system_error(errno, std::generic_category(), what); }
+constexpr std::int64_t kMaxRequest = 1 << 20;  // bytes
 
 // The configuration as the child's standard input.
 int text_file(const std::string& text) {
-  const int fd = memfd_create("configuration", MFD_CLOEXEC);
-  if (fd < 0 || write(fd, text.data(), text.size()) != static_cast<ssize_t>(text.size())) fail("memfd_create");
-  lseek(fd, 0, SEEK_SET);
+  const int fd = make_memory_file("configuration", text.size());
+  if (pwrite(fd, text.data(), text.size(), 0) != static_cast<ssize_t>(text.size())) failed("pwrite");
   return fd;
 }
 
 class Child {
  public:
-  Child(const ArmConfig& arm, int index, const std::string& listen, const std::string& toml)
-      : index_(index), listen_(listen), toml_(toml) {
+  Child(const Config& config, int index, const std::string& toml, const std::vector<std::string>& arguments)
+      : index_(index),
+        listen_(config.listen),
+        recordings_(config.recordings),
+        toml_(toml),
+        arguments_(arguments),
+        record_fd_(make_part_record_file()),
+        record_(map_part_record(record_fd_)),
+        box_fd_(make_black_box_file()),
+        walls_fd_(make_memory_file("walls", 0)) {
+    const ArmConfig& arm = config.arms[index];
     info_.set_name(arm.name);
     info_.set_address(arm.address);
     info_.set_status("starting");
   }
   ~Child() {
     if (pid_ > 0) end(SIGKILL);
+    close(record_fd_);
+    close(box_fd_);
+    close(walls_fd_);
   }
   Child(const Child&) = delete;
 
@@ -69,9 +86,10 @@ class Child {
 
   // Reads what the child says, and starts it where it does not run.
   void look_after(bool stopping) {
+    now_ = clock_.now();
     if (pid_ > 0) listen_to();
-    if (pid_ > 0 && !stopping && Clock::now() - heard_ > (spoken_ ? kSilence : kFirstWord)) {
-      spdlog::error("arm {}: its process hangs and is started again", info_.name());
+    if (pid_ > 0 && !stopping && now_ - heard_ > (spoken_ ? kSilence : kFirstWord)) {
+      spdlog::error("arm {}: its process hangs{} and is started again", info_.name(), record_->where());
       end(SIGKILL);
     }
     if (pid_ == 0 && !stopping && Clock::now() >= next_start_) start();
@@ -80,35 +98,45 @@ class Child {
  private:
   void start() {
     int ends[2];
-    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) fail("socketpair");
+    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) failed("socketpair");
     const int config = text_file(toml_);
-    const std::array<std::string, 11> words = {
+    std::vector<std::string> words = {
         "franka-interface", "arm", "--index", std::to_string(index_), "--listen", listen_, "--port",
-        std::to_string(port_), "--state-port", std::to_string(state_port_), "--supervised"};
-    std::vector<char*> arguments;
-    for (const auto& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
-    arguments.push_back(nullptr);
+        std::to_string(port_), "--state-port", std::to_string(state_port_), "--sensor-port",
+        std::to_string(sensor_port_), "--supervised"};
+    words.insert(words.end(), arguments_.begin(), arguments_.end());
+    std::vector<char*> argv;
+    for (const auto& word : words) argv.push_back(const_cast<char*>(word.c_str()));
+    argv.push_back(nullptr);
 
+    record_->clear();
     pid_ = fork();
-    if (pid_ < 0) fail("fork");
+    if (pid_ < 0) failed("fork");
     if (pid_ == 0) {
       // Only what is allowed between fork and exec.
       sigset_t none;
       sigemptyset(&none);
       sigprocmask(SIG_SETMASK, &none, nullptr);
       if (dup2(config, STDIN_FILENO) < 0) _exit(127);
-      // dup2() onto itself would keep FD_CLOEXEC.
-      if (ends[1] == kStatusFd ? fcntl(kStatusFd, F_SETFD, 0) < 0 : dup2(ends[1], kStatusFd) < 0) _exit(127);
-      syscall(SYS_close_range, kStatusFd + 1, ~0U, 0);
-      execv("/proc/self/exe", arguments.data());
+      // Through numbers that are nobody's: dup2() would close one for the other, and keep FD_CLOEXEC on itself.
+      const int status = fcntl(ends[1], F_DUPFD, kFirstFreeFd), record = fcntl(record_fd_, F_DUPFD, kFirstFreeFd),
+                box = fcntl(box_fd_, F_DUPFD, kFirstFreeFd), walls = fcntl(walls_fd_, F_DUPFD, kFirstFreeFd);
+      if (dup2(status, ArmOptions::kStatusFd) < 0 || dup2(record, ArmOptions::kRecordFd) < 0 ||
+          dup2(box, ArmOptions::kBlackBoxFd) < 0 || dup2(walls, ArmOptions::kWallsFd) < 0) {
+        _exit(127);
+      }
+      syscall(SYS_close_range, ArmOptions::kWallsFd + 1, ~0U, 0);
+      execv("/proc/self/exe", argv.data());
       _exit(127);
     }
     close(config);
     close(ends[1]);
     fd_ = ends[0];
     spoken_ = false;
-    started_ = heard_ = Clock::now();
+    started_ = Clock::now();
+    heard_ = now_;
     info_.set_status("starting");
+    info_.set_starts(info_.starts() + 1);
   }
 
   void listen_to() {
@@ -120,11 +148,14 @@ class Child {
       proto::Arms::Arm info;
       if (!info.ParseFromArray(bytes.data(), static_cast<int>(size))) continue;
       if (info.status() != info_.status()) spdlog::info("arm {}: {}", info.name(), info.status());
+      info.set_starts(info_.starts());
+      info.set_ended(info_.ended());
       info_ = info;
       spoken_ = true;
-      heard_ = Clock::now();
+      heard_ = now_;
       if (info.has_endpoint()) port_ = port_of(info.endpoint());
       if (info.has_state_endpoint()) state_port_ = port_of(info.state_endpoint());
+      if (info.has_sensor_endpoint()) sensor_port_ = port_of(info.sensor_endpoint());
     }
     end(0);
   }
@@ -143,31 +174,60 @@ class Child {
     pid_ = 0;
     info_.clear_endpoint();
     info_.clear_state_endpoint();
+    info_.clear_sensor_endpoint();
     std::string how = "ended";
-    if (WIFSIGNALED(status)) how = fmt::format("was killed by signal {}", WTERMSIG(status));
+    if (WIFSIGNALED(status)) how = fmt::format("was killed by signal {} ({})", WTERMSIG(status), strsignal(WTERMSIG(status)));
     if (WIFEXITED(status) && WEXITSTATUS(status) != 0) how = fmt::format("ended with status {}", WEXITSTATUS(status));
+    if (WIFEXITED(status) && WEXITSTATUS(status) == ArmOptions::kHangs) how = "hung and gave up";
+    if (status != 0) how += record_->where();
     info_.set_status("starting again: its process " + how);
-    if (signal == 0) spdlog::info("arm {}: its process {}", info_.name(), how);
+    info_.set_ended(how);
+    if (signal == 0 && status == 0) spdlog::info("arm {}: its process {}", info_.name(), how);
+    if (signal == 0 && status != 0) spdlog::error("arm {}: its process {}", info_.name(), how);
+    if (status != 0) write_down(how);
     next_start_ = Clock::now() - started_ < kShortLife ? started_ + kShortLife : Clock::now();
   }
 
+  // While the next process begins with another.
+  void write_down(const std::string& how) {
+    const int fd = std::exchange(box_fd_, make_black_box_file());
+    writing_ = std::async(std::launch::async, [fd, how, name = info_.name(), recordings = recordings_] {
+      try {
+        const auto path = write_black_box(fd, recordings, name, how);
+        if (!path.empty()) spdlog::info("arm {}: the black box is in {}", name, path.string());
+      } catch (const std::exception& error) {
+        spdlog::error("arm {}: the black box was not written: {}", name, error.what());
+      }
+      close(fd);
+    });
+  }
+
   const int index_;
-  const std::string listen_;
+  const std::string& listen_;
+  const RecordingsConfig& recordings_;
   const std::string& toml_;
+  const std::vector<std::string>& arguments_;
+  const int record_fd_;
+  const std::shared_ptr<PartRecord> record_;
+  int box_fd_;
+  const int walls_fd_;
+  std::future<void> writing_;
   proto::Arms::Arm info_;
   pid_t pid_ = 0;
   int fd_ = -1;
   bool spoken_ = false;
-  std::uint16_t port_ = 0, state_port_ = 0;  // a restarted arm is found where it was
-  Clock::time_point started_{}, heard_{}, next_start_{};
+  std::uint16_t port_ = 0, state_port_ = 0, sensor_port_ = 0;  // a restarted arm is found where it was
+  Clock::time_point started_{}, next_start_{};
+  WakefulClock clock_{2 * kTick};
+  Clock::duration now_{}, heard_{};  // by it
 };
 
 class Supervisor {
  public:
-  Supervisor(const Config& config, const std::string& toml)
+  Supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments)
       : listen_(config.listen), socket_(context_, zmq::socket_type::router) {
     socket_.set(zmq::sockopt::linger, 0);
-    socket_.set(zmq::sockopt::maxmsgsize, kMaxMessage);
+    socket_.set(zmq::sockopt::maxmsgsize, kMaxRequest);
     try {
       socket_.bind(fmt::format("tcp://{}:{}", config.listen, config.port == 0 ? "*" : std::to_string(config.port)));
     } catch (const zmq::error_t& error) {
@@ -176,7 +236,7 @@ class Supervisor {
           config.listen, config.port, error.what()));
     }
     for (std::size_t i = 0; i < config.arms.size(); ++i) {
-      children_.push_back(std::make_unique<Child>(config.arms[i], static_cast<int>(i), config.listen, toml));
+      children_.push_back(std::make_unique<Child>(config, static_cast<int>(i), toml, arguments));
     }
   }
 
@@ -216,7 +276,11 @@ class Supervisor {
         stop_until = Clock::now() + kStopTime;
         for (const auto& child : children_) child->stop();
       }
-      if (items[0].revents != 0) answer();
+      if (items[0].revents != 0) {
+        // A client that has lost an arm asks how: that is known here when it is known there.
+        for (const auto& child : children_) child->look_after(stopping);
+        answer();
+      }
     }
   }
 
@@ -263,6 +327,8 @@ class Supervisor {
 
 }  // namespace
 
-int run_supervisor(const Config& config, const std::string& toml) { return Supervisor(config, toml).run(); }
+int run_supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments) {
+  return Supervisor(config, toml, arguments).run();
+}
 
 }  // namespace server

@@ -3,19 +3,25 @@
 #include <google/protobuf/stubs/logging.h>
 #include <spdlog/spdlog.h>
 
+#include <utility>
+
 #include "server/convert.hpp"
 #include "server/gripper.hpp"
 #include "server/publisher.hpp"
+#include "server/recorder.hpp"
+#include "server/registry.hpp"
 #include "server/refused.hpp"
+#include "server/sensor_hub.hpp"
 #include "server/sockets.hpp"
-#include "server/validation.hpp"
+#include "wire/proto/validation.hpp"
 
 namespace server {
 namespace {
 
-constexpr std::int64_t kMaxMessage = 4 << 20;  // bytes; a longer one ends its connection
+constexpr std::int64_t kMaxMessage = 8 << 20;  // bytes, more than two minutes of samples; a longer one ends its connection
 constexpr std::size_t kMaxClients = 1024;  // remembered
 constexpr std::size_t kMaxResults = 256;   // remembered
+constexpr std::size_t kMaxQueue = 256;
 constexpr int kMessagesPerRound = 64;
 constexpr auto kBusyWait = std::chrono::milliseconds(1);
 constexpr auto kIdleWait = std::chrono::milliseconds(20);
@@ -33,16 +39,22 @@ std::string version_name(const proto::Hello& hello) {
   return "none";
 }
 
-std::string errors_of(const fci::RobotState& state) {
-  if (fci::any(state.errors)) return fci::names(state.errors);
-  if (fci::any(state.reflex_reason)) return fci::names(state.reflex_reason);
-  switch (state.robot_mode) {
-    case fci::RobotMode::kUserStopped: return "user stop is pressed";
-    case fci::RobotMode::kGuiding: return "the arm is being guided by hand";
-    case fci::RobotMode::kReflex: return "a reflex stopped it";
-    case fci::RobotMode::kOther: return "it is locked or its FCI is not active";
-    default: return "another program moves it";
-  }
+std::vector<std::string> kinds_of(const proto::Skill& skill) {
+  std::vector<std::string> kinds;
+  for (const auto& any : skill.terminations()) kinds.push_back(kind_of(any));
+  return kinds;
+}
+
+std::vector<std::shared_ptr<realtime::SensorInput>> sensor_inputs(
+    const realtime::TrajectoryGenerator& trajectory, const realtime::Controller& controller,
+    const std::vector<std::unique_ptr<realtime::Termination>>& terminations) {
+  auto all = trajectory.sensor_inputs();
+  const auto add = [&all](const realtime::Part& part) {
+    for (auto& input : part.sensor_inputs()) all.push_back(std::move(input));
+  };
+  add(controller);
+  for (const auto& termination : terminations) add(*termination);
+  return all;
 }
 
 std::string explain(const realtime::RecoveryResult& result) {
@@ -59,8 +71,15 @@ std::string explain(const realtime::RecoveryResult& result) {
 }  // namespace
 
 Transport::Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
-                     Publisher& publisher, Gripper* gripper)
-    : door_(door), publisher_(publisher), gripper_(gripper), socket_(context, zmq::socket_type::router) {
+                     Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
+                     WallStore walls)
+    : door_(door),
+      publisher_(publisher),
+      sensors_(sensors),
+      recorder_(recorder),
+      gripper_(gripper),
+      socket_(context, zmq::socket_type::router),
+      walls_(std::move(walls)) {
   google::protobuf::SetLogHandler(nullptr);  // it writes a line for whatever it cannot read
   socket_.set(zmq::sockopt::linger, 200);
   socket_.set(zmq::sockopt::maxmsgsize, kMaxMessage);
@@ -69,16 +88,23 @@ Transport::Transport(zmq::context_t& context, const std::string& listen, std::ui
   endpoint_ = bind(socket_, listen, port);
 }
 
-Transport::~Transport() { take_results(); }
+Transport::~Transport() {
+  take_results();
+  take_former_walls();
+}
 
 void Transport::run(const std::atomic<bool>& quit) {
   while (!quit) {
-    const bool busy = !running_.empty() || !gripping_.empty() || !recovering_.empty();
+    const bool busy = !running_.empty() || !gripping_.empty() || !recovering_.empty() || changing_;
     zmq::pollitem_t item{socket_.handle(), 0, ZMQ_POLLIN, 0};
     zmq::poll(&item, 1, busy ? kBusyWait : kIdleWait);
+    now_ = clock_.now();
     take_disconnection();
     receive();
     take_results();
+    take_changes();
+    hand_on_queued();
+    take_former_walls();
     take_recoveries();
     take_gripper_results();
     expire_lease();
@@ -110,7 +136,7 @@ void Transport::receive() {
 
 void Transport::handle(const std::string& identity, const zmq::message_t& frame) {
   if (const auto client = clients_.find(identity); client != clients_.end()) {
-    client->second.last_heard = Clock::now();
+    client->second.last_heard = now_;
   }
   proto::Request request;
   const bool readable = request.ParsePartialFromArray(frame.data(), static_cast<int>(frame.size()));
@@ -132,6 +158,9 @@ void Transport::handle(const std::string& identity, const zmq::message_t& frame)
   } catch (const Refused& refused) {
     spdlog::debug("refused: {}", refused.what());
     send_error(from, refused.code, refused.what());
+  } catch (const wire::Invalid& invalid) {
+    spdlog::debug("refused: {}", invalid.what());
+    send_error(from, proto::Error::INVALID_ARGUMENT, invalid.what());
   } catch (const std::exception& error) {
     spdlog::error("a request failed: {}", error.what());
     send_error(from, proto::Error::INTERNAL, fmt::format("the server failed on this request: {}", error.what()));
@@ -141,10 +170,14 @@ void Transport::handle(const std::string& identity, const zmq::message_t& frame)
 void Transport::answer(const Address& from, proto::Request& request) {
   if (request.call_case() == proto::Request::kHello) return hello(from, request.hello());
   known(from);
-  validate(request);
+  wire::validate(request);
   switch (request.call_case()) {
     case proto::Request::kGetState: return get_state(from);
     case proto::Request::kStartSkill: return start_skill(from, request.start_skill());
+    case proto::Request::kChangeSkill: return change_skill(from, request.change_skill());
+    case proto::Request::kListTopics: return list_topics(from);
+    case proto::Request::kRecord: return record(from, request.record());
+    case proto::Request::kChangeWalls: return change_walls(from, request.change_walls());
     case proto::Request::kStopSkill: return stop_skill(from);
     case proto::Request::kSkillStatus: return skill_status(from, request.skill_status().skill_id());
     case proto::Request::kGripper: return start_gripper(from, request.gripper());
@@ -167,7 +200,7 @@ void Transport::hello(const Address& from, const proto::Hello& hello) {
                               version_name(hello), static_cast<int>(proto::CURRENT)));
   }
   proto::Hello checked = hello;
-  validate(checked);
+  wire::validate(checked);
   const Connection connection = require_connection();
   if (clients_.size() >= kMaxClients && !clients_.contains(from.client)) {
     const auto oldest = std::min_element(clients_.begin(), clients_.end(), [](const auto& a, const auto& b) {
@@ -175,13 +208,14 @@ void Transport::hello(const Address& from, const proto::Hello& hello) {
     });
     clients_.erase(oldest);
   }
-  clients_[from.client] = {hello.client().substr(0, 256), Clock::now()};
+  clients_[from.client] = {hello.client().substr(0, 256), now_};
   proto::Reply reply;
   auto& welcome = *reply.mutable_welcome();
   welcome = connection.welcome;
   welcome.set_version(proto::CURRENT);
   welcome.set_gripper(gripper_ != nullptr && gripper_->connected());
   welcome.set_state_endpoint(publisher_.endpoint());
+  welcome.set_sensor_endpoint(sensors_.endpoint());
   send(from, reply);
 }
 
@@ -206,32 +240,190 @@ void Transport::start_skill(const Address& from, const proto::StartSkill& start)
   if (now->phase == realtime::Phase::kRecovering) {
     throw Refused(proto::Error::NOT_READY, "the robot is recovering from an error: wait until that is done");
   }
-  for (const auto& [id, running] : running_) {
-    if (running.starter.client != from.client || start.preempt()) continue;
-    throw Refused(proto::Error::BUSY,
-                  fmt::format("skill {} of this client still runs: wait for it, stop it, or set preempt", id));
+  const std::uint64_t last = !running_.empty() && running_.rbegin()->second.starter.client == from.client
+                                 ? running_.rbegin()->first
+                                 : 0;  // of this client's skills
+  const std::uint64_t after = start.after();
+  const auto ended = results_.find(after);
+  if (after != 0 && start.preempt()) {
+    throw Refused(proto::Error::INVALID_ARGUMENT, "StartSkill has preempt and after: expected one of the two");
   }
-  auto skill = connection.builder->build(start.skill(), *now);
+  if (after != 0 && after != last && ended == results_.end()) {
+    throw Refused(proto::Error::INVALID_ARGUMENT,
+                  fmt::format("StartSkill.after = {}: expected the last skill of this client{}", after,
+                              last != 0 ? fmt::format(", {}", last) : ""));
+  }
+  if (last != 0 && after != last && !start.preempt()) {
+    throw Refused(proto::Error::BUSY, fmt::format("skill {} of this client still runs: wait for it, stop it, preempt it or "
+                                                  "queue behind it",
+                                                  last));
+  }
+  if (queue_.size() >= kMaxQueue) {
+    throw Refused(proto::Error::BUSY, fmt::format("{} skills are queued already: wait for one to end", queue_.size()));
+  }
+  const bool queued = after != 0 && after == last;
+  auto skill = connection.builder->build(start.skill(), *now, queued ? &running_.at(after).goal : nullptr);
 
   take_lease(from);
   const std::uint64_t id = ++last_skill_;
   skill->id = id;
-  Running running{from, {}};
-  for (const auto& any : start.skill().terminations()) {
-    running.terminations.push_back(any.type_url().substr(any.type_url().rfind('/') + 1));
-  }
+  if (queued) skill->after = after;
+  skill->blend = start.blend();
+  Running running{from, kinds_of(start.skill()), skill->trajectory->goal(), start.skill(), skill->mode, skill->settings};
   publisher_.describe(id, start.skill().description());
+  proto::SkillEvent event;
+  *event.mutable_started() = start.skill();
+  note(event, id, from);
+  if (!queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
-  if (const auto unread = door_.next.put(std::move(skill))) {
-    end_skill({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});
+  sensors_.bind(id, sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations));
+  const bool cancelled = !queued && after != 0 && ended->second.ending() != proto::TERMINATED;
+  std::unique_ptr<realtime::Skill> unread;
+  if (queued) {
+    queue_.push_back(std::move(skill));
+    hand_on_queued();
+  } else if (!cancelled) {
+    unread = door_.next.put(std::move(skill));
   }
   proto::Reply reply;
   reply.mutable_skill_started()->set_skill_id(id);
   send(from, reply);
+  if (cancelled) end_skill({.skill_id = id, .ending = realtime::Ending::kCancelled});
+  if (unread) end_skill({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});
+}
+
+// What the running skill is with other parts, of which only these are handed to the loop.
+void Transport::change_skill(const Address& from, const proto::ChangeSkill& change) {
+  require_lease(from);
+  const Connection connection = require_connection();
+  const auto now = publisher_.newest();
+  const auto running = running_.find(change.skill_id());
+  if (running == running_.end() || running->second.starter.client != from.client) {
+    throw Refused(proto::Error::INVALID_ARGUMENT,
+                  fmt::format("ChangeSkill.skill_id = {}: no skill of this client that runs", change.skill_id()));
+  }
+  if (!change.has_trajectory() && !change.has_controller() && change.terminations().empty()) {
+    throw Refused(proto::Error::INVALID_ARGUMENT, "ChangeSkill changes nothing: expected trajectory, controller or terminations");
+  }
+  if (changing_) throw Refused(proto::Error::BUSY, "another change of this skill is on its way: wait for its answer");
+  proto::Skill message = running->second.message;
+  message.clear_start_time();
+  message.set_robot_controller(name_of(running->second.mode));
+  if (change.has_trajectory()) *message.mutable_trajectory() = change.trajectory();
+  if (change.has_controller()) *message.mutable_controller() = change.controller();
+  if (!change.terminations().empty()) *message.mutable_terminations() = change.terminations();
+  auto skill = connection.builder->build(message, now.value(), nullptr, change.has_trajectory());
+  if (!(skill->settings == running->second.settings)) {
+    throw Refused(proto::Error::INVALID_ARGUMENT,
+                  "the robot takes other settings (its own stiffness, collision behaviour) at rest only: preempt the skill instead");
+  }
+  auto parts = std::make_unique<realtime::Change>();
+  parts->skill_id = change.skill_id();
+  parts->numbers = skill->numbers;
+  changing_ = Changing{from, change.skill_id(), std::move(message), running->second.goal, {}};
+  const auto listen = [this](const realtime::Part& part) {
+    for (auto& input : part.sensor_inputs()) changing_->inputs.push_back(std::move(input));
+  };
+  if (change.has_trajectory()) {
+    changing_->goal = skill->trajectory->goal();
+    listen(*skill->trajectory);
+    parts->trajectory = std::move(skill->trajectory);
+  }
+  if (change.has_controller()) {
+    listen(*skill->controller);
+    parts->controller = std::move(skill->controller);
+  }
+  if (!change.terminations().empty()) {
+    for (const auto& termination : skill->terminations) listen(*termination);
+    parts->terminations = std::move(skill->terminations);
+    parts->changes_terminations = true;
+  }
+  sensors_.bind(change.skill_id(), changing_->inputs);
+  door_.change.put(std::move(parts));
+}
+
+void Transport::take_changes() {
+  while (realtime::Change* const* front = door_.changed.front()) {
+    const std::unique_ptr<realtime::Change> change(*front);
+    door_.changed.pop();
+    if (!changing_) continue;
+    const Changing changing = std::move(*changing_);
+    changing_.reset();
+    if (!change->done) {
+      send_error(changing.from, proto::Error::NOT_READY,
+                 fmt::format("skill {} has ended: it was not changed", changing.skill));
+      continue;
+    }
+    if (const auto running = running_.find(changing.skill); running != running_.end()) {
+      running->second.message = changing.message;
+      running->second.terminations = kinds_of(changing.message);
+      running->second.goal = changing.goal;
+      proto::SkillEvent event;
+      *event.mutable_changed() = running->second.message;
+      note(event, changing.skill, changing.from);
+    }
+    send_done(changing.from);
+  }
+}
+
+void Transport::list_topics(const Address& from) {
+  proto::Reply reply;
+  sensors_.describe(*reply.mutable_topics());
+  send(from, reply);
+}
+
+void Transport::record(const Address& from, const proto::Record& record) {
+  proto::Reply reply;
+  *reply.mutable_recording() = recorder_.ask(record);
+  send(from, reply);
+}
+
+void Transport::change_walls(const Address& from, const proto::ChangeWalls& change) {
+  proto::Reply reply;
+  {
+    const std::lock_guard lock(mutex_);
+    if (change.remove_size() + change.put_size() > 0) {
+      require_lease(from);
+      walls_.change(change);
+      take_lease(from);
+      hand_on_walls();
+    }
+    *reply.mutable_walls() = walls_.list();
+  }
+  send(from, reply);
+}
+
+// To the loop and to the builder, where there are any.
+void Transport::hand_on_walls() {
+  if (connection_.builder == nullptr) return;
+  auto walls = walls_.make(models::arm(connection_.welcome.model()), gripper_ != nullptr);
+  connection_.builder->keep_from(std::make_unique<realtime::Walls>(*walls), walls_);
+  door_.walls.put(std::move(walls));
+}
+
+void Transport::take_former_walls() {
+  while (realtime::Walls* const* former = door_.former_walls.front()) {
+    delete *former;
+    door_.former_walls.pop();
+  }
+}
+
+void Transport::hand_on_queued() {
+  if (queue_.empty() || !door_.queued.empty()) return;
+  door_.queued.put(std::move(queue_.front()));
+  queue_.pop_front();
+}
+
+// Those that the loop has not taken yet.
+void Transport::cancel_queue(realtime::Ending ending) {
+  auto queue = std::exchange(queue_, {});
+  if (realtime::Skill* skill = door_.queued.take()) queue.emplace_front(skill);
+  for (const auto& skill : queue) end_skill({.skill_id = skill->id, .ending = ending});
 }
 
 void Transport::stop_skill(const Address& from) {
   door_.stop_up_to.store(last_skill_);
+  cancel_queue(realtime::Ending::kStopped);
   send_done(from);
 }
 
@@ -284,6 +476,7 @@ void Transport::goodbye(const Address& from) {
 
 void Transport::take_results() {
   while (const realtime::SkillResult* result = door_.results.front()) {
+    take_changes();  // that came before it
     end_skill(*result);
     door_.results.pop();
   }
@@ -301,15 +494,24 @@ void Transport::end_skill(const realtime::SkillResult& result) {
   convert(result, out);
   const auto& terminations = running->second.terminations;
   if (result.termination >= 0 && result.termination < static_cast<int>(terminations.size())) {
-    std::string kind = terminations[result.termination];
-    out.set_termination(kind.substr(kind.rfind('.') + 1));
+    out.set_termination(terminations[result.termination]);
   }
+  if (result.wall != 0) out.set_wall(walls_.name(result.wall));
   if (auto state = publisher_.state()) *out.mutable_last_state() = std::move(*state);
   if (!out.message().empty()) spdlog::warn("skill {}: {}", result.skill_id, out.message());
   send(running->second.starter, reply);
+  if (result.ending == realtime::Ending::kComponentFault) recorder_.keep("component-fault");
+  proto::SkillEvent event;
+  *event.mutable_ended() = reply.skill_result();
+  event.mutable_ended()->clear_last_state();
+  note(event, result.skill_id, running->second.starter);
   results_[result.skill_id] = std::move(*reply.mutable_skill_result());
   if (results_.size() > kMaxResults) results_.erase(results_.begin());
   running_.erase(running);
+  sensors_.release(result.skill_id);
+  if (result.ending != realtime::Ending::kTerminated && !queue_.empty() && queue_.front()->after == result.skill_id) {
+    cancel_queue(realtime::Ending::kCancelled);
+  }
 }
 
 void Transport::take_recoveries() {
@@ -346,7 +548,12 @@ void Transport::take_disconnection() {
     why_not = connection_.why_not;
   }
   take_results();
+  queue_.clear();
   delete door_.next.take();
+  delete door_.queued.take();
+  delete door_.change.take();
+  if (changing_) send_error(changing_->from, proto::Error::NOT_READY, why_not);
+  changing_.reset();
   door_.recover.store(false);
   while (!running_.empty()) {
     end_skill({.skill_id = running_.begin()->first, .ending = realtime::Ending::kConnectionLost});
@@ -366,6 +573,7 @@ void Transport::connected(std::shared_ptr<SkillBuilder> builder, const proto::We
   std::unique_lock lock(mutex_);
   settled_.wait_for(lock, std::chrono::seconds(1), [this] { return !disconnected_; });
   connection_ = {std::move(builder), welcome, ""};
+  hand_on_walls();
 }
 
 void Transport::disconnected(const std::string& why) {
@@ -383,6 +591,12 @@ Transport::Connection Transport::require_connection() const {
   }
   if (!connection.builder) throw Refused(proto::Error::NOT_READY, connection.why_not);
   return connection;
+}
+
+void Transport::note(proto::SkillEvent& event, std::uint64_t skill, const Address& from) {
+  event.set_skill_id(skill);
+  if (const auto client = clients_.find(from.client); client != clients_.end()) event.set_client(client->second.name);
+  recorder_.box().journal.note("/skills", event.GetTypeName(), event.SerializeAsString());
 }
 
 // --- clients and lease -------------------------------------------------------------------------------------------
@@ -413,8 +627,9 @@ void Transport::take_lease(const Address& from) {
 void Transport::expire_lease() {
   if (commander_.empty()) return;
   const auto holder = clients_.find(commander_);
-  if (holder != clients_.end() && Clock::now() - holder->second.last_heard < kLeaseTime) return;
+  if (holder != clients_.end() && now_ - holder->second.last_heard < kLeaseTime) return;
   if (holder != clients_.end()) spdlog::info("{} is silent: the arm is free", holder->second.name);
+  if (!running_.empty()) recorder_.keep("a-client-is-gone");  // in the middle of its skill
   commander_.clear();
 }
 

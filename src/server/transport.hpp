@@ -16,11 +16,15 @@
 #include "frankapy/proto/service.pb.h"
 #include "realtime/door.hpp"
 #include "server/skill_builder.hpp"
+#include "server/wall_store.hpp"
+#include "server/wakeful_clock.hpp"
 
 namespace server {
 
 class Gripper;
 class Publisher;
+class Recorder;
+class SensorHub;
 
 // The arm's side of service.proto: a ROUTER which answers any number of clients, of which one at a time
 // has the lease and may command. It is taken with the first command, and freed by Goodbye or when the
@@ -33,7 +37,8 @@ class Transport {
 
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
   Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
-            Publisher& publisher, Gripper* gripper);
+            Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
+            WallStore walls = WallStore({}));
   ~Transport();
 
   const std::string& endpoint() const { return endpoint_; }
@@ -58,7 +63,7 @@ class Transport {
 
   struct Client {
     std::string name;
-    Clock::time_point last_heard;
+    Clock::duration last_heard;  // by clock_
   };
   struct Address {  // whom to answer
     std::string client;  // ROUTER's identity
@@ -67,6 +72,17 @@ class Transport {
   struct Running {
     Address starter;
     std::vector<std::string> terminations;  // kinds
+    realtime::Reference goal;               // of its trajectory
+    frankapy::proto::Skill message;
+    robot::Mode mode;
+    robot::Settings settings;
+  };
+  struct Changing {
+    Address from;
+    std::uint64_t skill = 0;
+    frankapy::proto::Skill message;  // what the skill then is
+    realtime::Reference goal;
+    std::vector<std::shared_ptr<realtime::SensorInput>> inputs;
   };
   struct Connection {
     std::shared_ptr<SkillBuilder> builder;  // null: not connected
@@ -80,23 +96,33 @@ class Transport {
   void hello(const Address& from, const frankapy::proto::Hello& hello);
   void get_state(const Address& from);
   void start_skill(const Address& from, const frankapy::proto::StartSkill& start);
+  void change_skill(const Address& from, const frankapy::proto::ChangeSkill& change);
+  void list_topics(const Address& from);
+  void record(const Address& from, const frankapy::proto::Record& record);
+  void change_walls(const Address& from, const frankapy::proto::ChangeWalls& change);
   void stop_skill(const Address& from);
   void skill_status(const Address& from, std::uint64_t id);
   void start_gripper(const Address& from, const frankapy::proto::GripperCommand& command);
   void recover(const Address& from);
   void goodbye(const Address& from);
 
+  void hand_on_queued();
+  void cancel_queue(realtime::Ending ending);
   void take_results();
   void end_skill(const realtime::SkillResult& result);
+  void take_changes();
+  void take_former_walls();
   void take_recoveries();
   void take_gripper_results();
   void take_disconnection();
 
+  void note(frankapy::proto::SkillEvent& event, std::uint64_t skill, const Address& from);
   Client& known(const Address& from);
   void require_lease(const Address& from);
   void take_lease(const Address& from);
   void expire_lease();
   Connection require_connection() const;
+  void hand_on_walls();
 
   void send(const Address& to, frankapy::proto::Reply& reply);
   void send_error(const Address& to, frankapy::proto::Error::Code code, const std::string& message);
@@ -105,6 +131,8 @@ class Transport {
 
   realtime::Door& door_;
   Publisher& publisher_;
+  SensorHub& sensors_;
+  Recorder& recorder_;
   Gripper* gripper_;
   zmq::socket_t socket_;
   std::string endpoint_;
@@ -112,19 +140,24 @@ class Transport {
   std::unordered_map<std::string, Client> clients_;  // by identity
   std::string commander_;                            // identity; empty: the lease is free
   std::uint64_t last_skill_ = 0;
-  std::map<std::uint64_t, Running> running_;
+  std::map<std::uint64_t, Running> running_;               // by id; those that are queued as well
+  std::deque<std::unique_ptr<realtime::Skill>> queue_;     // not at the door yet
   std::map<std::uint64_t, frankapy::proto::SkillResult> results_;  // the newest ones
+  std::optional<Changing> changing_;
   std::vector<Address> recovering_;
   std::uint64_t last_ticket_ = 0;
   std::map<std::uint64_t, Address> gripping_;
 
   mutable std::mutex mutex_;
   Connection connection_;
+  WallStore walls_;
   bool disconnected_ = false;  // and not dealt with yet
   std::condition_variable settled_;
 
   std::atomic<std::uint64_t> rounds_{0}, garbage_{0};
   Clock::time_point garbage_told_{};
+  WakefulClock clock_{std::chrono::milliseconds(100)};
+  Clock::duration now_{};  // by it, in this round
 };
 
 }  // namespace server

@@ -9,7 +9,7 @@ from peer import REPOSITORY, Result, environment, free_address
 
 SCRIPTS = REPOSITORY / "tests" / "interop" / "clients"
 MODES = {"real time": [], "lockstep": ["--lockstep"]}
-TIME = 120  # s for all that one program tries
+TIME = 240  # s for all that one program tries
 
 
 @dataclasses.dataclass
@@ -30,6 +30,7 @@ class Client:
 CLIENTS = [
     Client("pylibfranka", "0.21.3", "pylibfranka_client.py", "fr3"),
     Client("panda-python", "1.1.1", "panda_python_client.py", "fer"),
+    Client("franky-control", "1.1.0", "franky_client.py", "fr3"),  # libfranka 0.15.0: protocol 9
     Client("franky-control", "2.0.0", "franky_client.py", "fr3"),
 ]
 
@@ -71,6 +72,6 @@ def run(build: Path) -> Iterator[Result]:
     """Every client, with the arm in real time and in lockstep."""
     program = build / "bin" / "fci-sim"
     for client in CLIENTS:
-        python = environment(build, client.name, [f"{client.name}=={client.version}"])
+        python = environment(build, [f"{client.name}=={client.version}"])
         for mode in MODES:
             yield from try_client(client, python, program, mode)

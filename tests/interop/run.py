@@ -1,9 +1,12 @@
 """Run independent programs against ours, and show what came of it: `run.py [build directory]`."""
 
-import importlib.util
 import sys
 from pathlib import Path
 
+import clients
+import errors
+import models
+import servers
 from peer import REPOSITORY, Result
 
 
@@ -11,15 +14,13 @@ def main() -> int:
     """Print a table; 1 when something failed that the peer itself can do."""
     build = Path(sys.argv[1]) if len(sys.argv) > 1 else REPOSITORY / "build"
     results: list[Result] = []
-    for module in ("clients", "servers"):
-        if importlib.util.find_spec(module) is None:
-            continue
-        print(f"\nThey are the {module}, we the other end:")
-        for result in importlib.import_module(module).run(build):
+    for module in (clients, models, errors, servers):
+        print(f"\n{module.__doc__}")
+        for result in module.run(build):
             results.append(result)
             verdict = "OK" if result.ok else "peer can't" if result.excuse else "FAILED"
             why = result.excuse if result.excuse and not result.ok else result.why
-            print(f"{result.peer:24}{result.mode:12}{result.capability:42}{verdict:12}{why}", flush=True)
+            print(f"{result.peer:24}{result.mode:12}{result.capability:60}{verdict:12}{why}", flush=True)
     failed = [result for result in results if not result.ok and not result.excuse]
     print(f"\n{sum(result.ok for result in results)} OK, {len(failed)} failed, "
           f"{len(results) - len(failed) - sum(result.ok for result in results)} that the peer itself can't")  # fmt: skip

@@ -1,14 +1,17 @@
 """The examples of docstrings and of examples/ run."""
 
+import contextlib
 import doctest
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
-from conftest import REPOSITORY
+from conftest import REPOSITORY, despite_stalls
 
 import frankapy.franka_arm
+from frankapy import FrankaArm
 from frankapy.sim import SimulatedArm, Simulation
 
 
@@ -32,6 +35,23 @@ def test_a_docstrings_example_runs(test, ideal_arm, monkeypatch):
         test.globs["fa"].close()
 
 
+@contextlib.contextmanager
+def led(simulation):
+    """Lead the tool, once a demonstration begins."""
+
+    def lead():
+        with FrankaArm(server=simulation.server) as reader:
+            reader.wait_for(lambda state: state.skill_description == "Demonstration", 100)
+        here = simulation.truth().O_T_TCP[:3, 3]
+        simulation.hand(here + [[0, 0.1, 0], [0, 0.1, 0.08]], [2, 4])
+
+    person = threading.Thread(target=lead)
+    person.start()
+    yield
+    person.join()
+
+
+PLATE = REPOSITORY / "sim" / "scenes" / "plate.xml"
 SCENE = REPOSITORY / "sim" / "scenes" / "table_with_block.xml"
 
 
@@ -42,10 +62,16 @@ SCENE = REPOSITORY / "sim" / "scenes" / "table_with_block.xml"
         ("pick_and_place.py", [SimulatedArm(lockstep=True, scene=SCENE)]),
         ("stiffness.py", [SimulatedArm(lockstep=True)]),
         ("two_arms.py", [SimulatedArm("fr3", lockstep=True), SimulatedArm("fer", lockstep=True)]),
+        ("contact.py", [SimulatedArm(lockstep=True, scene=PLATE)]),
+        ("force_control.py", [SimulatedArm(lockstep=True, scene=PLATE)]),
+        ("recording.py", [SimulatedArm(lockstep=True)]),
+        ("imitation.py", [SimulatedArm(lockstep=True)]),
     ],
 )
 def test_an_example_runs(script, arms):
-    with Simulation(*arms) as simulation:
+    with Simulation(*arms) as simulation, contextlib.ExitStack() as helpers:
+        if script == "imitation.py":
+            helpers.enter_context(led(simulation))
         environment = os.environ | {"FRANKA_INTERFACE_SERVER": simulation.server}
         done = subprocess.run(
             [sys.executable, REPOSITORY / "examples" / script],
@@ -53,3 +79,9 @@ def test_an_example_runs(script, arms):
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         assert not done.stderr
+
+
+@pytest.mark.parametrize("script", ["streaming.py", "policy.py"])
+@despite_stalls
+def test_an_example_in_real_time_runs(script):
+    test_an_example_runs(script, [SimulatedArm()])

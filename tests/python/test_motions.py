@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import HOME
 
-from frankapy import FrankaArm, RigidTransform, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, RigidTransform, proto
 
 # Pose in the truth file: of the tool centre of the hand, which is the robot's end effector by default.
 
@@ -204,18 +204,45 @@ def test_the_gripper_moves_while_the_arm_does(fa):
 
 
 def test_states_come_one_a_cycle(fa):
-    with fa.stream_states() as states:
+    with fa.states() as states:
         while (state := states.receive()) is None:
             pass
-        ids = [state.robot.message_id]
+        cycles = [state.cycles]
         fa.goto_joints(GOAL, 0.5)
         running = 0
-        while ids[-1] < fa.last_skill_result.last_state.robot.message_id:
+        while cycles[-1] < fa.last_skill_result.last_state.cycles:
             state = states.receive()
-            ids.append(state.robot.message_id)
+            cycles.append(state.cycles)
             running += state.phase == proto.RUNNING and state.skill_description == "GoToJoints"
-    assert np.diff(ids).max() == 1
+    assert (np.diff(cycles) == 1).all()
     assert running >= 500
+
+
+def test_states_come_at_a_lower_rate_and_in_parts_as_well(fa):
+    with fa.states(rate=50, fields=["cycles", "robot.q"]) as states:
+        received = [states.receive() for _ in range(5)]
+    assert (np.diff([state.cycles for state in received]) == 20).all()
+    assert all(len(state.robot.q) == 7 and not state.robot.tau_J and not state.HasField("phase") for state in received)
+
+
+def test_a_condition_is_waited_for(fa):
+    fa.goto_joints(GOAL, 20, block=False)  # long enough to have subscribed on the way
+    half = fa.wait_for(lambda state: state.robot.q[0] > GOAL[0] / 2)
+    assert half.robot.q[0] < GOAL[0] * 0.9
+    assert half.phase == proto.RUNNING
+    with pytest.raises(FrankaArmCommException, match="In 0.05 s no state"):
+        fa.wait_for(lambda state: False, timeout=0.05)
+    fa.wait_for_skill()
+
+
+def test_constant_velocities_lead_so_far(fa):
+    fa.execute_joint_velocities([0, 0, 0, 0, 0, 0, -0.2], [0] * 6 + [2], 1.1)
+    np.testing.assert_allclose(fa.get_joints(), HOME + ([0] * 6 + [-0.2]), atol=0.002)
+    start = fa.get_pose()
+    fa.execute_cartesian_velocities([0, 0, -0.1, 0, 0, 0], [0, 0, 1, 0, 0, 0], 0.6, cartesian_impedances=[3000] * 3 + [300] * 3)
+    distance, angle = errors(fa.get_pose(), moved(start, [0, 0, -0.05]))
+    assert distance < 0.003
+    assert angle < 0.3
 
 
 @pytest.mark.parametrize("robot", ["fer", "fr3", "fr3v2"])
@@ -249,3 +276,47 @@ def test_two_arms_move_at_once():
             arm.wait_for_skill()
             assert arm.get_joints()[0] == pytest.approx(0.3 * side, abs=0.002)
             arm.close()
+
+
+# --- inverse kinematics ---------------------------------------------------------------------------------------------------
+
+
+def pose_at(fa, joints):
+    matrix = fa.get_links_transforms(joints, use_rigid_transforms=True)[-1]
+    return RigidTransform(matrix.rotation, matrix.translation, "franka_tool", "world")
+
+
+def test_joints_for_a_pose_are_inside_the_limits_and_near(fa):
+    random = np.random.default_rng(5)
+    lower, upper = fa._joint_limits()
+    for tool in (None, RigidTransform(translation=[0.02, 0, 0.1], from_frame="franka_tool", to_frame="franka_tool_base")):
+        if tool is not None:
+            fa.set_tool_delta_pose(tool)
+        for _ in range(25):
+            joints = random.uniform(lower + 0.05, upper - 0.05)
+            goal = pose_at(fa, joints)
+            found = fa.ik(goal)
+            reached = pose_at(fa, found)
+            np.testing.assert_allclose(reached.matrix, goal.matrix, atol=5e-6)
+            assert np.all((lower <= found) & (found <= upper))
+            np.testing.assert_allclose(fa.ik(goal, near=joints), joints, atol=1e-4)
+
+
+def test_the_arm_goes_where_inverse_kinematics_says(fa):
+    pose = fa.get_pose()
+    pose.translation += [0.08, 0.15, -0.1]
+    joints = fa.ik(pose)
+    fa.goto_joints(joints, 2)
+    np.testing.assert_allclose(fa.get_pose().matrix, pose.matrix, atol=2e-3)
+    # Near in the redundant motion: less far than straight home and there
+    assert np.abs(joints - HOME).max() < 0.6
+
+
+def test_poses_out_of_reach_are_refused_with_the_nearest(fa):
+    pose = fa.get_pose()
+    pose.translation[:] = [1.2, 0, 0.4]
+    with pytest.raises(FrankaArmArgumentError, match="not reachable! The joints come as near as"):
+        fa.ik(pose)
+    with FrankaArm(offline=True) as offline:
+        home = offline.ik(pose_at(offline, HOME))
+        np.testing.assert_allclose(home, HOME, atol=1e-4)

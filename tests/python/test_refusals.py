@@ -5,7 +5,7 @@ import pytest
 from conftest import HOME
 from test_validation import BAD
 
-from frankapy import FrankaArmArgumentError, FrankaArmNotBuiltError, FrankaConstants, RigidTransform, proto
+from frankapy import FrankaArmArgumentError, FrankaConstants, RigidTransform, proto
 from frankapy.validation import validate
 
 ROTATION = np.diag([1.0, -1.0, -1.0])
@@ -48,6 +48,25 @@ REFUSED = {
         lambda fa: fa.goto_joints(HOME, joint_impedances=[20000] * 7),
         r"K_theta\[0\] is 20000",
     ),
+    "velocities: six": (lambda fa: fa.execute_joint_velocities([0.1] * 6, [1] * 7), "joint_velocities has 6"),
+    "velocities: beyond the arm": (lambda fa: fa.execute_joint_velocities([9] + [0] * 6, [0] * 7), r"dq\[0\] is 9"),
+    "velocities: NaN": (lambda fa: fa.execute_cartesian_velocities([np.nan] * 6, [1] * 6), "cartesian_velocities.0. is nan"),
+    "acceleration: negative": (lambda fa: fa.execute_cartesian_velocities([0.1] * 6, [-1] * 6), r"O_ddP_EE\[0\] is -1"),
+    "forces: for too long": (
+        lambda fa: fa.apply_effector_forces_torques(5, 1, 0, 0, forces=[0, 0, 5]),
+        "forces of 5 for run_duration 5 s make 25: expected at most 20",
+    ),
+    "torques: for too long": (
+        lambda fa: fa.apply_effector_forces_torques(5, 1, 0, 0, torques=[0, 0, 1]),
+        "torques of 1 .* expected at most 2",
+    ),
+    "forces: rise too long": (
+        lambda fa: fa.apply_effector_forces_along_axis(2, 1.5, 0, [0, 0, 5]),
+        "acc_duration is 1.5 s: expected at most half",
+    ),
+    "forces: none": (lambda fa: fa.apply_effector_forces_along_axis(2, 0.5, 0, [0, 0, 0]), "expected a force"),
+    "rate of states": (lambda fa: fa.states(rate=300), "rate is 300 Hz: expected 1000, or that divided"),
+    "fields of states": (lambda fa: fa.states(fields=["robot.p"]), "fields has 'robot.p': expected fields of ArmState"),
     "pose: no pose": (lambda fa: fa.goto_pose([0.4, 0, 0.4]), "expected a RigidTransform"),
     "pose: NaN": (lambda fa: fa.goto_pose(broken_pose()), "not finite"),
     "pose: no rotation": (lambda fa: fa.goto_pose(skewed_pose()), "no rotation matrix"),
@@ -97,14 +116,6 @@ def test_it_is_refused_by_name_and_nothing_moves(fa, name):
         call(fa)
     assert fa.is_skill_done()
     np.testing.assert_allclose(fa.get_joints(), before, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    "arguments", [{"dynamic": True}, {"force_thresholds": [10] * 6}, {"torque_thresholds": [10] * 7}]
-)
-def test_what_is_not_built_yet_says_so(fa, arguments):
-    with pytest.raises(FrankaArmNotBuiltError, match="not built yet"):
-        fa.goto_joints(HOME, **arguments)
 
 
 def test_walls_are_not_asked_where_they_are_ignored(fa):

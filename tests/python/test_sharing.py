@@ -1,5 +1,6 @@
 """Several clients, stops, polling, and what reaches the server's ports from strangers."""
 
+import gc
 import os
 import random
 import signal
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zmq
-from conftest import HOME
+from conftest import HOME, server_processes
 from test_motions import GOAL
 
 from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmCommException, proto
@@ -183,15 +184,44 @@ def test_another_version_of_the_interface_is_refused(ideal_arm):
     context.term()
 
 
+def test_what_is_left_to_the_garbage_collector_closes_in_whatever_order(ideal_arm):
+    for _ in range(20):
+        fa = ideal_arm.client()
+        fa.get_joints(), fa.get_joints(), fa.get_joints()
+        cycle = [fa, fa.states(), fa.publisher("left")]
+        cycle.append(cycle)
+        next(iter(cycle[1]))
+        del fa, cycle
+        gc.collect()
+    with ideal_arm.client() as fa:
+        assert len(fa.get_joints()) == 7
+
+
 def test_a_crash_of_an_arms_process_is_told_and_the_arm_is_back_soon(start):
     arm = start()
     with arm.client() as fa:
         fa.goto_joints(GOAL, LONG, block=False)
-        supervisor = arm.simulation.processes[-1]
-        children = Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split()
-        os.kill(int(children[0]), signal.SIGKILL)
+        os.kill(server_processes(arm.simulation)[1], signal.SIGKILL)
         with pytest.raises(FrankaArmCommException):
             fa.wait_for_skill()
         fa.wait_for_franka_interface()
         fa.goto_joints(HOME, 1)
         np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.002)
+
+
+def test_a_computer_that_stands_still_for_a_while_makes_nobody_look_as_if_it_hung(start):
+    arm = start()
+    with arm.client() as fa:
+        fa.goto_joints(GOAL, LONG, block=False)
+        wait_until(lambda: is_moving(fa))
+        starts = list_arms(arm.server)[0].starts
+        programs = {*arm.simulation.processes, *server_processes(arm.simulation)}
+        for program in programs:
+            os.kill(program, signal.SIGSTOP)
+        time.sleep(2)
+        for program in programs:
+            os.kill(program, signal.SIGCONT)
+        time.sleep(1)
+        assert is_moving(fa)
+        assert list_arms(arm.server)[0].starts == starts
+        fa.stop_skill()

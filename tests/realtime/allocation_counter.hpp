@@ -2,21 +2,17 @@
 
 #include <cstdint>
 
+#include "allocations/allocations.hpp"
+
 namespace testing_tools {
 
-// Counts what the calling thread takes from the heap while it lives; malloc and its kin are replaced in
-// every program that links allocation_counter.cpp. Sanitizers bring their own heap: nothing is counted
-// then, and kCountsAllocations says so.
+// Counts what the calling thread takes from the heap while it lives.
 class AllocationCounter {
  public:
-  AllocationCounter();
-
-  std::uint64_t count() const;  // since construction
+  std::uint64_t count() const { return allocations::of_this_thread() - before_; }  // since construction
 
  private:
-  std::uint64_t before_;
+  std::uint64_t before_ = allocations::of_this_thread();
 };
-
-extern const bool kCountsAllocations;
 
 }  // namespace testing_tools

@@ -42,6 +42,7 @@ class MockRobot : public robot::Driver {
   fci::Status refusal = fci::Status::kNotPossible;
   robot::Received connection = robot::Received::kState;
   std::array<int, 8> ticks = {1, 1, 1, 1, 1, 1, 1, 1};  // ms of the next states, in turn
+  int lose = 0;  // of the next commands
 
   // From the next state on: a reflex with that error.
   void reflex(fci::Error error) {
@@ -106,6 +107,10 @@ class MockRobot : public robot::Driver {
 
   void send(const fci::RobotCommand& sent) noexcept override {
     if (sent.message_id != state.message_id) return;  // late
+    if (lose > 0) {
+      --lose;
+      return;
+    }
     command = sent;
     commanded_ = true;
     ++commands;
@@ -235,6 +240,14 @@ class MockRobot : public robot::Driver {
 
   void follow(bool commanded) {
     const fci::MotionGeneratorMode generator = moved.generator;
+    if (commanded && moved.torque()) {
+      const Vector7 tau = Vector7::Map(command.tau_J_d.data());
+      for (int i = 0; i < 7; ++i) {
+        worst(worst_torque, tau[i], limits.tau_max[i]);
+        worst(worst_torque_rate, (tau[i] - tau_[i]) / kDt, limits.dtau_max[i]);
+      }
+      tau_ = tau;
+    }
     if (generator == fci::MotionGeneratorMode::kJointPosition) {
       if (commanded) {
         const Vector7 q = Vector7::Map(command.q_c.data());
@@ -264,13 +277,7 @@ class MockRobot : public robot::Driver {
       orientation_ = (realtime::exp(kDt * angular_.v) * orientation_).normalized();
     } else {  // torque alone
       if (commanded) {
-        const Vector7 tau = Vector7::Map(command.tau_J_d.data());
-        for (int i = 0; i < 7; ++i) {
-          worst(worst_torque, tau[i], limits.tau_max[i]);
-          worst(worst_torque_rate, (tau[i] - tau_[i]) / kDt, limits.dtau_max[i]);
-          worst(worst_velocity, command.dq_c[i], 1e-12);  // rides along up to version 9, and is zero
-        }
-        tau_ = tau;
+        for (int i = 0; i < 7; ++i) worst(worst_velocity, command.dq_c[i], 1e-12);  // rides along up to version 9: zero
       }
       model_.update(q_, dq_);
       realtime::Matrix7 M = model_.mass();
@@ -305,6 +312,7 @@ class MockRobot : public robot::Driver {
     put(v_, state.dq_d);
     put(a_, state.ddq_d);
     put(tau_, state.tau_J_d);
+    state.control_command_success_rate = !in_motion_ ? 0 : uncommanded > 0 ? 0.99 : 1;
     Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
     T.topLeftCorner<3, 3>() = orientation_.toRotationMatrix();
     T.topRightCorner<3, 1>() = position_;

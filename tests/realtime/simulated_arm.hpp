@@ -1,10 +1,10 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <cmath>
 #include <string>
 
 #include "models/arm.hpp"
+#include "realtime/cholesky.hpp"
 #include "realtime/cycle.hpp"
 
 namespace testing_tools {
@@ -50,7 +50,7 @@ class SimulatedArm {
       plant_.update(q, dq);
       realtime::Matrix7 M = plant_.mass();
       M.diagonal() += motor_inertia_;
-      const realtime::Vector7 ddq = M.llt().solve(tau + external - plant_.coriolis());
+      const realtime::Vector7 ddq = realtime::Cholesky<7>(M).solve<1>(tau + external - plant_.coriolis());
       dq += kDt / kSubsteps * ddq;
       q += kDt / kSubsteps * dq;
     }
@@ -71,5 +71,15 @@ class SimulatedArm {
  private:
   realtime::Vector7 motor_inertia_;
 };
+
+// The arm as it is, as a reference at rest.
+inline realtime::Reference pose_reference(const SimulatedArm& arm) {
+  realtime::Reference reference;
+  reference.kind = realtime::ReferenceKind::kCartesian;
+  reference.cartesian.position = arm.cycle.O_T_EE.translation();
+  reference.cartesian.orientation = Eigen::Quaterniond(arm.cycle.O_T_EE.linear());
+  reference.joint.q = arm.q;
+  return reference;
+}
 
 }  // namespace testing_tools

@@ -2,9 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <atomic>
+#include <ctime>
 #include <deque>
 #include <functional>
 #include <random>
+#include <utility>
 
 #include "allocation_counter.hpp"
 #include "mock_driver.hpp"
@@ -22,6 +26,11 @@ using Generator = fci::MotionGeneratorMode;
 
 constexpr robot::Mode kInternalJoint = {fci::ControllerMode::kJointImpedance, Generator::kJointPosition};
 constexpr robot::Mode kInternalPose = {fci::ControllerMode::kCartesianImpedance, Generator::kCartesianPosition};
+
+JointImpedance::Parameters gains(double scale = 1) {
+  return {scale * (Vector7() << 600, 600, 600, 600, 250, 150, 50).finished(),
+          std::sqrt(scale) * (Vector7() << 50, 50, 50, 50, 30, 25, 15).finished()};
+}
 
 // The robot's own controller.
 struct Internal : Controller {
@@ -56,6 +65,20 @@ struct BrokenController : JointImpedance {
     if (cycle.time > from) tau[3] = std::nan("");
   }
 };
+// Asks for steps of torque.
+struct JumpingController : JointImpedance {
+  using JointImpedance::JointImpedance;
+  void step(const Cycle& cycle, const Reference& reference, Vector7& tau) noexcept override {
+    JointImpedance::step(cycle, reference, tau);
+    tau.array() += std::fmod(cycle.time, 0.02) < 0.01 ? 4 : -4;
+  }
+};
+struct ConstantTorque : JointImpedance {
+  double torque;
+  explicit ConstantTorque(double t) : JointImpedance(gains()), torque(t) {}
+  void start(const Cycle&, Reference&) noexcept override {}
+  void step(const Cycle&, const Reference&, Vector7& tau) noexcept override { tau.setConstant(torque); }
+};
 struct BrokenTrajectory : MinJerkJoint {
   using MinJerkJoint::MinJerkJoint;
   double from = 0;
@@ -66,16 +89,49 @@ struct BrokenTrajectory : MinJerkJoint {
   }
 };
 
+// Of each role, one that does something from a time on.
+using Deed = void (*)();
+void allocate() { ::operator delete(::operator new(8)); }
+void take_5_ms() {
+  const auto now = [] {
+    timespec time;
+    ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return time.tv_sec * 1'000'000'000ll + time.tv_nsec;
+  };
+  for (const auto end = now() + 5'000'000; now() < end;) {
+  }
+}
+struct DoingController : JointImpedance {
+  Deed deed;
+  explicit DoingController(Deed d) : JointImpedance(gains()), deed(d) {}
+  void step(const Cycle& cycle, const Reference& reference, Vector7& tau) noexcept override {
+    JointImpedance::step(cycle, reference, tau);
+    if (cycle.time > 0.1) deed();
+  }
+};
+struct DoingTrajectory : MinJerkJoint {
+  Deed deed;
+  DoingTrajectory(const Parameters& parameters, const models::Limits& limits, Deed d)
+      : MinJerkJoint(parameters, limits), deed(d) {}
+  bool step(double time, Reference& reference) noexcept override {
+    if (time > 0.1) deed();
+    return MinJerkJoint::step(time, reference);
+  }
+};
+struct DoingTermination : Termination {
+  Deed deed;
+  explicit DoingTermination(Deed d) : deed(d) {}
+  bool step(const Cycle& cycle, const Progress&) noexcept override {
+    if (cycle.time > 0.1) deed();
+    return false;
+  }
+};
+
 struct AfterTime : Termination {
   double seconds;
   explicit AfterTime(double s) : seconds(s) {}
   bool step(const Cycle& cycle, const Progress&) noexcept override { return cycle.time >= seconds; }
 };
-
-JointImpedance::Parameters gains(double scale = 1) {
-  return {scale * (Vector7() << 600, 600, 600, 600, 250, 150, 50).finished(),
-          std::sqrt(scale) * (Vector7() << 50, 50, 50, 50, 30, 25, 15).finished()};
-}
 
 // A loop, its robot, and the server room around it.
 class LoopTest : public testing::Test {
@@ -89,7 +145,7 @@ class LoopTest : public testing::Test {
   void remake() { loop = std::make_unique<Loop>(robot, model, robot.limits, options, door); }
 
   ~LoopTest() override {
-    if (testing_tools::kCountsAllocations) {
+    if (allocations::kCounts) {
       EXPECT_EQ(allocations, 0u);
     }
     EXPECT_TRUE(robot.obeyed() || !judge) << robot.judgement();
@@ -127,9 +183,7 @@ class LoopTest : public testing::Test {
       recoveries.push_back(*result);
       door.recoveries.pop();
     }
-    while (const Record* record = door.records.front()) {
-      last = *record;
-      door.records.pop();
+    while (records.next(last)) {
     }
   }
 
@@ -157,8 +211,11 @@ class LoopTest : public testing::Test {
   }
 
   std::uint64_t give(std::unique_ptr<TrajectoryGenerator> trajectory, std::unique_ptr<Controller> controller,
-                     robot::Settings settings = {}, std::unique_ptr<Termination> termination = nullptr) {
+                     robot::Settings settings = {}, std::unique_ptr<Termination> termination = nullptr,
+                     bool queued = false, double blend = 0) {
     auto skill = std::make_unique<Skill>();
+    if (queued) skill->after = given;
+    skill->blend = blend;
     skill->id = ++given;
     ++in_work;
     skill->mode = controller->mode(trajectory->reference_kind());
@@ -166,12 +223,15 @@ class LoopTest : public testing::Test {
     skill->trajectory = std::move(trajectory);
     skill->controller = std::move(controller);
     if (termination) skill->terminations.push_back(std::move(termination));
-    const auto unread = door.next.put(std::move(skill));
-    if (unread) {  // as the server does
+    door_put(std::move(skill));
+    return given;
+  }
+
+  void door_put(std::unique_ptr<Skill> skill) {
+    if (door.next.put(std::move(skill))) {  // as the server does
       ++results_seen;
       --in_work;
     }
-    return given;
   }
 
   std::unique_ptr<TrajectoryGenerator> by(double delta, double duration) {
@@ -189,6 +249,12 @@ class LoopTest : public testing::Test {
   std::uint64_t give_torque(double delta = 0.1, double duration = 0.5, double scale = 1) {
     return give(by(delta, duration), std::make_unique<JointImpedance>(gains(scale)));
   }
+  std::uint64_t give_after(double delta, double duration, double blend = 0) {
+    return give(by(delta, duration), std::make_unique<Internal>(), {}, nullptr, true, blend);
+  }
+  std::uint64_t give_torque_after(double delta, double duration) {
+    return give(by(delta, duration), std::make_unique<JointImpedance>(gains()), {}, nullptr, true);
+  }
   int posted(fci::Command command) const { return robot.posted[static_cast<std::size_t>(command)]; }
 
   static robot::Settings stiffness(double K) {
@@ -202,6 +268,7 @@ class LoopTest : public testing::Test {
   Model model;
   Loop::Options options;
   Door door;
+  bridge::RingReader<Record> records{door.records};
   std::unique_ptr<Loop> loop;
   Record last;
   std::deque<SkillResult> results;
@@ -318,6 +385,75 @@ TEST_F(LoopTest, BrakesAMovingSkillBeforeAnotherMode) {
   EXPECT_EQ(results[1].ending, Ending::kTerminated);
 }
 
+TEST_F(LoopTest, AQueuedSkillBeginsWhenTheOneBeforeHasEnded) {
+  for (const bool internal : {true, false}) {
+    const Vector7 q = robot.q();
+    internal ? give_internal(0.1, 0.3) : give_torque(0.1, 0.3);
+    ASSERT_TRUE(until([&] { return last.phase == Phase::kRunning && last.skill_id == given; }));
+    const int gaps = robot.uncommanded;
+    internal ? give_after(0.05, 0.3) : give_torque_after(0.05, 0.3);
+    ASSERT_TRUE(until_result());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    EXPECT_EQ(last.phase, Phase::kHolding);
+    cycle();
+    EXPECT_EQ(last.skill_id, given);
+    ASSERT_TRUE(until_result());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    EXPECT_EQ(robot.uncommanded, gaps);
+    cycles(internal ? 1 : 300);
+    EXPECT_NEAR((robot.q() - q - Vector7::Constant(0.15)).norm(), 0, internal ? 1e-6 : 2e-3);
+  }
+}
+
+TEST_F(LoopTest, AQueuedSkillOfAnotherModeCostsOneCycle) {
+  give_internal(0.1, 0.3);
+  cycles(100);
+  give_torque_after(0.05, 0.3);
+  ASSERT_TRUE(until_result());
+  ASSERT_TRUE(until([&] { return last.skill_id == 2 && last.phase == Phase::kRunning; }, 10));
+  EXPECT_EQ(robot.gap, 1);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results.back().ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, BlendedMotionsDoNotStop) {
+  give_internal(0.2, 0.6);
+  cycles(100);
+  give_after(0.2, 0.6, 0.25);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_NEAR(results[0].time, 0.35, 0.002);
+  double slowest = 1;
+  ASSERT_TRUE(until([&] {
+    if (last.skill_time < 0.3) slowest = std::min(slowest, robot.dq().norm());
+    return results_seen == 2;
+  }));
+  EXPECT_GT(slowest, 0.1);
+  EXPECT_EQ(robot.uncommanded, 0);
+}
+
+TEST_F(LoopTest, WhatIsQueuedBehindAFailureIsCancelled) {
+  give_internal(0.1, 0.5);
+  cycles(100);
+  give_after(0.1, 0.5);
+  cycles(5);
+  robot.reflex(fci::Error::kCartesianReflex);
+  ASSERT_TRUE(until([&] { return results_seen == 2; }));
+  EXPECT_EQ(results[0].ending, Ending::kRobotError);
+  EXPECT_EQ(results[1].ending, Ending::kCancelled);
+  door.recover = true;
+  ASSERT_TRUE(until(Phase::kIdle));
+
+  give_internal(0.1, 0.5);  // and one that comes too late
+  cycles(100);
+  door.stop_up_to = given;
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[2].ending, Ending::kStopped);
+  give_after(0.1, 0.5);
+  ASSERT_TRUE(until_result(3));
+  EXPECT_EQ(results[3].ending, Ending::kCancelled);
+}
+
 TEST_F(LoopTest, SettingsInForceAreNotSentAgain) {
   options.settings.load = fci::SetLoad{0.5, {}, {}};
   options.settings.NE_T_EE = fci::SetNEToEE{};
@@ -395,6 +531,42 @@ TEST_F(LoopTest, FollowsItsOwnReferenceThroughLostStatesUnderTorque) {
   cycles(500);
   EXPECT_NEAR((robot.q() - q - Vector7::Constant(0.3)).norm(), 0, 1e-3);
   judge = false;  // the mock repeats the last torque for 5 ms: the robot's own rules, not checked here
+}
+
+TEST_F(LoopTest, TorqueKeepsItsRateFromTheLastCommandThatTheRobotTook) {
+  for (const int lost : {0, 1, 2, 5, 15}) {
+    give(by(0.1, 0.6), std::make_unique<JumpingController>(gains()));
+    for (int i = 0; i < 20; ++i) {
+      ASSERT_TRUE(cycles(23));
+      robot.lose = lost;
+    }
+    EXPECT_LE(robot.worst_torque_rate, 1.001) << lost << " commands lost";
+    ASSERT_TRUE(until(Phase::kIdle, 4000));
+  }
+  judge = false;  // states are rounded
+}
+
+TEST_F(LoopTest, GoesOnFromWhereTheRobotIsWhenCommandsWereLost) {
+  const Vector7 q = robot.q();
+  for (const int lost : {1, 2, 3, 7}) {
+    for (const bool pose : {false, true}) {
+      if (pose) {
+        give(to_pose({0.02, -0.02, 0.02}, 0.2), std::make_unique<Internal>());
+      } else {
+        give_internal(0.15, 0.1);  // as fast as the limits allow
+      }
+      for (int i = 0; i < 8; ++i) {
+        ASSERT_TRUE(cycles(19));
+        robot.lose = lost;
+      }
+      ASSERT_TRUE(until_result());
+      EXPECT_EQ(results.back().ending, Ending::kTerminated);
+      EXPECT_TRUE(robot.obeyed()) << lost << " lost of " << (pose ? "poses" : "joints") << robot.judgement();
+      give(std::make_unique<MinJerkJoint>(MinJerkJoint::Parameters{q, 0.5}, robot.limits), std::make_unique<Internal>());
+      ASSERT_TRUE(until_result());
+      EXPECT_NEAR((robot.q() - q).norm(), 0, 1e-6);
+    }
+  }
 }
 
 TEST_F(LoopTest, StopBrakesInsideTheLimitsThenHolds) {
@@ -620,6 +792,132 @@ TEST_F(LoopTest, WhatIsNotFiniteNeverLeaves) {
   give_internal();
   ASSERT_TRUE(until_result());
   EXPECT_EQ(results[2].ending, Ending::kTerminated);
+}
+
+// The loop of a server that counts, and where the loop is.
+class WatchedLoop : public LoopTest {
+ protected:
+  WatchedLoop() {
+    options.watch = {allocations::of_this_thread, &in_part};
+    remake();
+    judge = false;  // a step of 5 ms costs no states here, but the mock's clock knows nothing of it
+  }
+  // Of the parts 1, 2 and 3 the one with this number does that.
+  SkillResult run(std::uint16_t guilty, Deed deed) {
+    const auto nothing = [] {};
+    auto skill = std::make_unique<Skill>();
+    skill->id = ++given;
+    ++in_work;
+    skill->mode = robot::kTorque;
+    skill->trajectory = std::make_unique<DoingTrajectory>(
+        MinJerkJoint::Parameters{robot.q() + Vector7::Constant(0.05), 0.5}, robot.limits, guilty == 1 ? deed : nothing);
+    skill->controller = std::make_unique<DoingController>(guilty == 2 ? deed : nothing);
+    skill->terminations.push_back(std::make_unique<AfterTime>(0.4));
+    skill->terminations.push_back(std::make_unique<DoingTermination>(guilty == 3 ? deed : nothing));
+    skill->numbers = {1, 2, {9, 3}};
+    door_put(std::move(skill));
+    EXPECT_TRUE(until_result());
+    return results.back();
+  }
+  std::atomic<std::uint32_t> in_part{0};
+};
+
+TEST_F(WatchedLoop, APartThatAllocatesIsNamedAndTheArmGoesOn) {
+  if (!allocations::kCounts) GTEST_SKIP() << "the heap belongs to a sanitizer";
+  for (const std::uint16_t guilty : {1, 2, 3}) {
+    const SkillResult result = run(guilty, allocate);
+    EXPECT_EQ(result.ending, Ending::kComponentFault);
+    EXPECT_EQ(result.fault.why, PartFault::Why::kAllocates);
+    EXPECT_EQ(result.fault.part, guilty);
+    EXPECT_NEAR(result.time, 0.1, 0.1);
+    const SkillResult next = run(0, nullptr);
+    EXPECT_EQ(next.ending, Ending::kTerminated);
+    EXPECT_EQ(next.termination, 0);
+  }
+  allocations = 0;  // those were wanted
+}
+
+TEST_F(WatchedLoop, APartThatTakesTooLongIsNamed) {
+  for (const std::uint16_t guilty : {1, 2, 3}) {
+    const SkillResult result = run(guilty, take_5_ms);
+    EXPECT_EQ(result.ending, Ending::kComponentFault);
+    EXPECT_EQ(result.fault.why, PartFault::Why::kTooLong);
+    EXPECT_EQ(result.fault.part, guilty);
+    EXPECT_GE(result.fault.ns, 5'000'000);
+  }
+}
+
+TEST_F(WatchedLoop, OneLongStepIsNoFault) {
+  static bool done;
+  done = false;
+  const SkillResult result = run(2, [] {
+    if (!std::exchange(done, true)) take_5_ms();
+  });
+  EXPECT_EQ(result.ending, Ending::kTerminated);
+}
+
+TEST_F(WatchedLoop, WhatIsNotFiniteIsNamed) {
+  auto skill = std::make_unique<Skill>();
+  skill->id = ++given;
+  ++in_work;
+  skill->mode = robot::kTorque;
+  skill->trajectory = by(0.05, 0.5);
+  auto controller = std::make_unique<BrokenController>(gains());
+  controller->from = 0.1;
+  skill->controller = std::move(controller);
+  skill->numbers = {1, 2, {}};
+  door_put(std::move(skill));
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results.back().fault.why, PartFault::Why::kNotFinite);
+  EXPECT_EQ(results.back().fault.part, 2);
+}
+
+TEST_F(WatchedLoop, SaysWhichPartItIsInAndThatItIsInNone) {
+  static std::atomic<std::uint32_t>* where;
+  static std::array<int, 4> seen;
+  where = &in_part;
+  seen = {};
+  const auto look = [] { ++seen.at(where->load()); };
+  for (const std::uint16_t number : {1, 2, 3}) {
+    seen = {};
+    run(number, look);
+    EXPECT_GT(seen[number], 0);
+    EXPECT_EQ(seen[0] + seen[1] + seen[2] + seen[3], seen[number]);
+    EXPECT_EQ(in_part, 0u);
+  }
+}
+
+TEST_F(LoopTest, TorqueBesideAMotionIsContinuousAndSurvivesAFault) {
+  const robot::Mode mode = {fci::ControllerMode::kExternal, Generator::kJointPosition};
+  const auto give_beside = [&](std::unique_ptr<Controller> controller) {
+    auto skill = std::make_unique<Skill>();
+    skill->id = ++given;
+    ++in_work;
+    skill->mode = mode;
+    skill->trajectory = by(0.05, 0.5);
+    skill->controller = std::move(controller);
+    door_put(std::move(skill));
+  };
+  const auto tau = [&] { return Vector7(Vector7::Map(robot.command.tau_J_d.data())); };
+  give_beside(std::make_unique<ConstantTorque>(0));
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.1; }));
+  for (const double torque : {4.0, -3.0, 1.0}) {
+    const Vector7 before = tau();
+    give_beside(std::make_unique<ConstantTorque>(torque));
+    cycle();
+    EXPECT_EQ(last.skill_id, given);
+    EXPECT_LT((tau() - before).cwiseAbs().maxCoeff(), 0.05);
+    cycles(150);
+    EXPECT_NEAR((tau() - Vector7::Constant(torque)).norm(), 0, 1e-9);
+  }
+  auto broken = std::make_unique<BrokenController>(gains());
+  broken->from = -1;  // from its first cycle on
+  give_beside(std::move(broken));
+  ASSERT_TRUE(until([&] { return !results.empty() && results.back().ending == Ending::kComponentFault; }, 3000));
+  ASSERT_TRUE(until(Phase::kIdle, 3000));
+  give_torque(0.05, 0.5);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results.back().ending, Ending::kTerminated);
 }
 
 TEST_F(LoopTest, TorqueIsContinuousWhenTheControllerChanges) {

@@ -20,7 +20,6 @@ using realtime::Vector3;
 using realtime::Vector6;
 using realtime::Vector7;
 
-constexpr double kGravity = 9.81;  // m/s²
 
 // Franka's Denavit-Hartenberg parameters in Craig's convention, the flange last.
 struct Row {
@@ -75,15 +74,6 @@ double kinetic_energy(const models::Arm& arm, const Tool& tool, const Vector7& q
   return energy;
 }
 
-double potential_energy(const models::Arm& arm, const Tool& tool, const Vector7& q) {
-  const auto at = frames(q);
-  double energy = tool.mass * kGravity * (at[7] * tool.com).z();
-  for (int i = 0; i < 7; ++i) {
-    energy += arm.links[i + 1].mass * kGravity * (at[i] * Vector3::Map(arm.links[i + 1].com.data())).z();
-  }
-  return energy;
-}
-
 class ModelOf : public testing::TestWithParam<const char*> {
  protected:
   const models::Arm& arm = models::arm(GetParam());
@@ -133,7 +123,6 @@ TEST_P(ModelOf, jacobian_and_its_derivative_are_those_of_the_kinematics) {
     anywhere();
     const Matrix67 J = model.jacobian();
     const Vector6 dJ_dq = model.dJ_dq();
-    const Eigen::Isometry3d T = model.O_T_EE();
     for (int i = 0; i < 7; ++i) {
       const Eigen::Isometry3d a = model.O_T_EE(q - h * Vector7::Unit(i)), b = model.O_T_EE(q + h * Vector7::Unit(i));
       Vector6 column;
@@ -161,18 +150,6 @@ TEST_P(ModelOf, mass_matrix_is_that_of_the_kinetic_energy) {
   }
 }
 
-TEST_P(ModelOf, gravity_is_the_gradient_of_the_potential_energy) {
-  constexpr double h = 1e-5;
-  for (int n = 0; n < 10; ++n) {
-    anywhere();
-    for (int i = 0; i < 7; ++i) {
-      const Vector7 by = h * Vector7::Unit(i);
-      EXPECT_NEAR(model.gravity()[i],
-                  (potential_energy(arm, tool, q + by) - potential_energy(arm, tool, q - by)) / (2 * h), 1e-6);
-    }
-  }
-}
-
 // Lagrange: C dq = dM/dt dq - 1/2 d(dq' M dq)/dq.
 TEST_P(ModelOf, coriolis_torque_is_that_of_the_mass_matrix) {
   constexpr double h = 1e-5;
@@ -185,6 +162,20 @@ TEST_P(ModelOf, coriolis_torque_is_that_of_the_mass_matrix) {
       expected[i] -= 0.5 * dq.dot((mass_at(q + by) - mass_at(q - by)) * dq) / (2 * h);
     }
     EXPECT_LT((c - expected).norm(), 1e-6);
+  }
+}
+
+// With these rates the tool moves as wanted and the elbow rests.
+TEST_P(ModelOf, joints_go_along_with_a_pose) {
+  for (int n = 0; n < 10; ++n) {
+    anywhere();
+    const realtime::JointsOfPose joints = model.joints_of_pose(q);
+    EXPECT_EQ(joints.q, q);
+    const Vector6 twist = Vector6::Random();
+    const Vector7 rates = joints.dq_dP * twist;
+    if (rates.norm() > 20) continue;  // next to a singularity they are damped
+    EXPECT_LT((model.jacobian() * rates - twist).norm(), 1e-3);
+    EXPECT_EQ(rates[2], 0);
   }
 }
 
@@ -212,7 +203,6 @@ TEST_P(ModelOf, names_may_have_a_prefix_and_a_hand_may_hang_on_the_flange) {
   EXPECT_TRUE(other.jacobian().isApprox(model.jacobian(), 1e-12));
   EXPECT_TRUE(other.mass().isApprox(model.mass(), 1e-12));
   EXPECT_TRUE(other.coriolis().isApprox(model.coriolis(), 1e-10));
-  EXPECT_TRUE(other.gravity().isApprox(model.gravity(), 1e-12));
 }
 
 TEST_P(ModelOf, what_a_urdf_lacks_is_named) {
@@ -233,12 +223,13 @@ TEST_P(ModelOf, what_a_urdf_lacks_is_named) {
 }
 
 TEST_P(ModelOf, update_allocates_nothing) {
-  if (!testing_tools::kCountsAllocations) GTEST_SKIP() << "the heap belongs to a sanitizer";
+  if (!allocations::kCounts) GTEST_SKIP() << "the heap belongs to a sanitizer";
   testing_tools::AllocationCounter allocations;
   for (int n = 0; n < 100; ++n) {
     anywhere();
     model.set_tool(tool.mass, tool.com, tool.inertia, tool.F_T_EE);
     model.O_T_EE(q);
+    model.joints_of_pose(q);
   }
   EXPECT_EQ(allocations.count(), 0);
 }

@@ -7,9 +7,16 @@
 
 #include "allocation_counter.hpp"
 #include "realtime/rotation.hpp"
+#include "realtime/terminations/composite.hpp"
+#include "realtime/terminations/contact.hpp"
 #include "realtime/terminations/final_joint.hpp"
 #include "realtime/terminations/final_pose.hpp"
+#include "realtime/terminations/moved.hpp"
+#include "realtime/terminations/never.hpp"
+#include "realtime/terminations/outside_box.hpp"
 #include "realtime/terminations/time.hpp"
+#include "realtime/terminations/velocity_below.hpp"
+#include "realtime/terminations/wrench_above.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/trajectories/min_jerk_pose.hpp"
 #include "simulated_arm.hpp"
@@ -99,6 +106,150 @@ TEST_F(Terminations, final_pose_looks_at_the_measured_pose) {
   EXPECT_TRUE(ends(position, same));
 }
 
+TEST_F(Terminations, contact_looks_at_the_flags_that_it_was_told_to) {
+  const Progress progress{joints, false, reference};
+  realtime::Contact cartesian({true, false, {}, {}}), joint({false, true, {}, {}}), both({true, true, {}, {}});
+  const auto ends = [&](realtime::Contact& contact) { return contact.step(arm.cycle, progress); };
+  EXPECT_FALSE(ends(both));
+  arm.state.cartesian_contact[4] = 1;
+  EXPECT_TRUE(ends(cartesian));
+  EXPECT_FALSE(ends(joint));
+  EXPECT_TRUE(ends(both));
+  arm.state.cartesian_contact[4] = 0;
+  arm.state.joint_contact[6] = 1;
+  EXPECT_FALSE(ends(cartesian));
+  EXPECT_TRUE(ends(joint));
+}
+
+TEST_F(Terminations, thresholds_of_contact_are_set_for_the_skill) {
+  EXPECT_FALSE(realtime::Contact({true, false, {}, {}}).settings().collision_behavior);
+  const auto only_force = *realtime::Contact({true, false, realtime::Vector6::Constant(7), {}}).settings().collision_behavior;
+  EXPECT_EQ(only_force.lower_force_thresholds_nominal[2], 7);
+  EXPECT_EQ(only_force.lower_force_thresholds_acceleration[2], 7);
+  EXPECT_EQ(only_force.upper_force_thresholds_nominal[2], 120);
+  EXPECT_EQ(only_force.lower_torque_thresholds_nominal[6], 12);
+  realtime::Terminations parts;
+  parts.push_back(std::make_unique<realtime::Never>());
+  parts.push_back(std::make_unique<realtime::Contact>(
+      realtime::Contact::Parameters{true, false, {}, Vector7(Vector7::Constant(5))}));
+  const auto of_parts = realtime::AllOf(std::move(parts)).settings();
+  ASSERT_TRUE(of_parts.collision_behavior);
+  EXPECT_EQ(of_parts.collision_behavior->lower_torque_thresholds_nominal[0], 5);
+}
+
+TEST_F(Terminations, wrench_is_judged_along_its_axis_or_by_its_size) {
+  using realtime::WrenchAbove;
+  const Progress progress{joints, false, reference};
+  arm.state.O_F_ext_hat_K = {3, 0, -4, 0, 1, 0};
+  arm.state.K_F_ext_hat_K = {9, 0, 0, 2, 0, 0};
+  const auto ends = [&](WrenchAbove::Part part, double threshold, std::optional<Vector3> axis, WrenchAbove::Frame frame) {
+    WrenchAbove wrench({part, threshold, axis, frame, false});
+    wrench.start();
+    return wrench.step(arm.cycle, progress);
+  };
+  constexpr auto kForce = WrenchAbove::Part::kForce, kTorque = WrenchAbove::Part::kTorque;
+  constexpr auto kBase = WrenchAbove::Frame::kBase, kStiffness = WrenchAbove::Frame::kStiffness;
+  EXPECT_TRUE(ends(kForce, 4.9, {}, kBase));
+  EXPECT_FALSE(ends(kForce, 5.1, {}, kBase));
+  EXPECT_TRUE(ends(kForce, 3.9, Vector3(0, 0, 7), kBase));
+  EXPECT_FALSE(ends(kForce, 4.1, Vector3(0, 0, -1), kBase));
+  EXPECT_FALSE(ends(kForce, 0.1, Vector3(0, 1, 0), kBase));
+  EXPECT_TRUE(ends(kForce, 8.9, {}, kStiffness));
+  EXPECT_FALSE(ends(kTorque, 1.1, {}, kBase));
+  EXPECT_TRUE(ends(kTorque, 1.1, {}, kStiffness));
+}
+
+TEST_F(Terminations, a_relative_wrench_counts_from_the_beginning_of_each_skill) {
+  using realtime::WrenchAbove;
+  const Progress progress{joints, false, reference};
+  WrenchAbove force({WrenchAbove::Part::kForce, 5, Vector3(0, 0, 1), WrenchAbove::Frame::kBase, true});
+  for (const double bias : {20.0, -3.0}) {
+    force.start();
+    arm.state.O_F_ext_hat_K[2] = bias;
+    EXPECT_FALSE(force.step(arm.cycle, progress));
+    arm.state.O_F_ext_hat_K[2] = bias - 4.9;
+    EXPECT_FALSE(force.step(arm.cycle, progress));
+    arm.state.O_F_ext_hat_K[2] = bias - 5.1;
+    EXPECT_TRUE(force.step(arm.cycle, progress));
+  }
+}
+
+TEST_F(Terminations, moved_measures_from_where_the_skill_began) {
+  const Progress progress{joints, false, reference};
+  const Eigen::Isometry3d home = arm.cycle.O_T_EE;
+  realtime::Moved far({0.1, {}}), turned({{}, 0.5}), either({0.1, 0.5});
+  const auto ends = [&](realtime::Moved& moved, double way, double angle) {
+    arm.cycle.O_T_EE = home;
+    moved.start();
+    EXPECT_FALSE(moved.step(arm.cycle, progress));
+    arm.cycle.O_T_EE.translation() += way * Vector3(2, -1, 2) / 3;
+    arm.cycle.O_T_EE.linear() = (realtime::exp(angle * Vector3(2, -1, 2) / 3) * Eigen::Quaterniond(home.linear())).matrix();
+    return moved.step(arm.cycle, progress);
+  };
+  EXPECT_TRUE(ends(far, 0.101, 0));
+  EXPECT_FALSE(ends(far, 0.099, 3));
+  EXPECT_TRUE(ends(turned, 0, 0.501));
+  EXPECT_FALSE(ends(turned, 1, 0.499));
+  EXPECT_TRUE(ends(either, 0.101, 0));
+  EXPECT_TRUE(ends(either, 0, 0.501));
+  EXPECT_FALSE(ends(either, 0.099, 0.499));
+}
+
+TEST_F(Terminations, outside_box_looks_at_each_side) {
+  const Progress progress{joints, false, reference};
+  realtime::OutsideBox box({Vector3(0.2, -0.3, 0.1), Vector3(0.6, 0.3, 0.7)});
+  const auto ends = [&](const Vector3& p) {
+    arm.cycle.O_T_EE.translation() = p;
+    return box.step(arm.cycle, progress);
+  };
+  const Vector3 inside(0.4, 0, 0.4);
+  EXPECT_FALSE(ends(inside));
+  for (int i = 0; i < 3; ++i) {
+    for (const double way : {-1.0, 1.0}) EXPECT_TRUE(ends(inside + way * Vector3::Unit(i)));
+  }
+}
+
+TEST_F(Terminations, velocity_below_waits_for_rest_that_lasts) {
+  const Progress progress{joints, false, reference};
+  realtime::VelocityBelow slow({0.01, 0.1, 0.5});
+  slow.start();
+  int ms = 0;
+  for (;; ++ms) {
+    arm.cycle.time = ms * 0.001;
+    const bool moving = ms >= 550 && ms < 600;  // it begins to count anew
+    arm.cycle.dq = moving ? Vector7(0.02 * Vector7::Unit(3)) : Vector7(Vector7::Constant(-0.009));
+    if (slow.step(arm.cycle, progress)) break;
+  }
+  EXPECT_EQ(ms, 699);
+}
+
+TEST_F(Terminations, composites_ask_all_of_their_parts_every_time) {
+  const auto parts = [](double first, double second) {
+    realtime::Terminations parts;
+    parts.push_back(std::make_unique<Time>(Time::Parameters{first, {}}));
+    parts.push_back(std::make_unique<Time>(Time::Parameters{{}, second}));  // has to see the end of the trajectory
+    return parts;
+  };
+  const auto end_of = [&](realtime::Termination& termination) {
+    termination.start();
+    int ms = 0;
+    for (;; ++ms) {
+      arm.cycle.time = ms * 0.001;
+      if (termination.step(arm.cycle, Progress{joints, ms >= 100, reference})) return ms;
+    }
+  };
+  realtime::AnyOf any(parts(0.2, 0.3));
+  realtime::AllOf all(parts(0.2, 0.3));
+  EXPECT_EQ(end_of(any), 200);
+  EXPECT_EQ(end_of(all), 400);
+  realtime::Terminations of_joints;
+  of_joints.push_back(std::make_unique<FinalJoint>(FinalJoint::Parameters{Vector7::Zero()}));
+  of_joints.push_back(std::make_unique<realtime::Never>());
+  const realtime::AllOf never(std::move(of_joints));
+  EXPECT_TRUE(never.accepts(ReferenceKind::kJoint));
+  EXPECT_FALSE(never.accepts(ReferenceKind::kCartesian));
+}
+
 std::string refusal(const std::function<void()>& construct) {
   try {
     construct();
@@ -121,12 +272,32 @@ TEST_F(Terminations, each_bad_field_is_refused_by_name) {
     expect(refusal([&] { FinalPose({Vector3(0, bad, 0), 0}); }), "position_threshold[1] is ");
     expect(refusal([&] { FinalPose({Vector3::Zero(), bad}); }), "orientation_threshold is ");
   }
+  using realtime::WrenchAbove;
+  for (const double bad : {-1.0, std::nan(""), double{INFINITY}}) {
+    const auto wrench = [&](double threshold, std::optional<Vector3> axis) {
+      return refusal([&] { WrenchAbove({WrenchAbove::Part::kForce, threshold, axis, WrenchAbove::Frame::kBase, false}); });
+    };
+    expect(wrench(bad, {}), "threshold is ");
+    if (bad != -1) expect(wrench(1, Vector3(0, bad, 0)), "norm of axis is ");
+    expect(wrench(1, Vector3(0, 0, 0)), "norm of axis is ");
+    expect(refusal([&] { realtime::Moved({bad, {}}); }), "distance is ");
+    expect(refusal([&] { realtime::Moved({{}, bad}); }), "angle is ");
+    expect(refusal([&] { realtime::VelocityBelow({bad, 1, 1}); }), "threshold is ");
+    expect(refusal([&] { realtime::VelocityBelow({1, bad, 1}); }), "duration is ");
+    expect(refusal([&] { realtime::VelocityBelow({1, 1, bad}); }), "after is ");
+  }
+  expect(refusal([] { realtime::Moved({{}, {}}); }), "neither");
+  expect(refusal([] { realtime::Contact({false, false, {}, {}}); }), "nothing");
+  realtime::Vector6 force = realtime::Vector6::Constant(10);
+  force[4] = 126;
+  expect(refusal([&] { realtime::Contact({true, false, force, {}}); }), "force_thresholds[4] is 126");
+  expect(refusal([] { realtime::OutsideBox({Vector3(0, 1, 0), Vector3(1, 0, 1)}); }), "upper[1] is ");
   expect(refusal([] { Time({{}, {}}); }), "neither");
   expect(refusal([] { Time({1.0, 1.0}); }), "both");
 }
 
 TEST_F(Terminations, step_allocates_nothing) {
-  if (!testing_tools::kCountsAllocations) GTEST_SKIP() << "the heap belongs to a sanitizer";
+  if (!allocations::kCounts) GTEST_SKIP() << "the heap belongs to a sanitizer";
   Time time({{}, 0.2});
   FinalJoint final_joint({Vector7::Constant(1e-3)});
   FinalPose final_pose({Vector3::Constant(1e-3), 0.01});

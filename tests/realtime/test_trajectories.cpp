@@ -337,7 +337,7 @@ TEST_P(Trajectories, relative_joints_go_from_the_reference_at_the_start) {
 }
 
 TEST_P(Trajectories, relative_poses_go_from_the_reference_at_the_start_in_either_frame) {
-  using Frame = RelativeMinJerkPose::Frame;
+  using Frame = realtime::PoseDifference::Frame;
   const Reference from = pose_moving();
   const Vector3 by(0.1, 0.02, -0.05);
   const Eigen::Quaterniond turn = realtime::exp(Vector3(0.1, 2, 0.3));
@@ -345,13 +345,13 @@ TEST_P(Trajectories, relative_poses_go_from_the_reference_at_the_start_in_either
   start.translation() = from.cartesian.position;
   difference.translation() = by;
 
-  RelativeMinJerkPose in_EE({by, turn, Frame::kEndEffector, 2}, limits);
+  RelativeMinJerkPose in_EE({by, turn, Frame::kEndEffector}, 2, limits);
   in_EE.start(from);
   const Eigen::Isometry3d goal = start * difference;
   EXPECT_TRUE(in_EE.goal().cartesian.position.isApprox(goal.translation(), 1e-12));
   EXPECT_TRUE(in_EE.goal().cartesian.orientation.toRotationMatrix().isApprox(goal.linear(), 1e-12));
 
-  RelativeMinJerkPose in_O({by, turn, Frame::kBase, 2}, limits);
+  RelativeMinJerkPose in_O({by, turn, Frame::kBase}, 2, limits);
   in_O.start(from);
   EXPECT_TRUE(in_O.goal().cartesian.position.isApprox(from.cartesian.position + by, 1e-12));
   EXPECT_TRUE(in_O.goal().cartesian.orientation.toRotationMatrix().isApprox(goal.linear(), 1e-12));
@@ -396,7 +396,7 @@ TEST_P(Trajectories, each_bad_field_is_refused_by_name_value_and_bound) {
             MinJerkPose({Vector3::Zero(), I, bad}, limits);
           }),
           refusal([&] {
-            RelativeMinJerkPose({Vector3::Zero(), I, RelativeMinJerkPose::Frame::kBase, bad}, limits);
+            RelativeMinJerkPose({Vector3::Zero(), I, realtime::PoseDifference::Frame::kBase}, bad, limits);
           })}) {
       EXPECT_TRUE(says(text, "duration is ")) << text;
     }
@@ -407,23 +407,23 @@ TEST_P(Trajectories, each_bad_field_is_refused_by_name_value_and_bound) {
   for (const auto& bad : {half, none}) {
     EXPECT_TRUE(says(refusal([&] { MinJerkPose({Vector3::Zero(), bad, 1}, limits); }), "quaternion"));
     EXPECT_TRUE(says(refusal([&] {
-                       RelativeMinJerkPose({Vector3::Zero(), bad, RelativeMinJerkPose::Frame::kBase, 1}, limits);
+                       RelativeMinJerkPose({Vector3::Zero(), bad, realtime::PoseDifference::Frame::kBase}, 1, limits);
                      }),
                      "quaternion"));
   }
   EXPECT_TRUE(says(refusal([&] {
-                     RelativeMinJerkPose({Vector3(nan, 0, 0), I, RelativeMinJerkPose::Frame::kBase, 1}, limits);
+                     RelativeMinJerkPose({Vector3(nan, 0, 0), I, realtime::PoseDifference::Frame::kBase}, 1, limits);
                    }),
                    "translation[0] is nan"));
 }
 
 TEST_P(Trajectories, start_and_step_allocate_nothing) {
-  if (!testing_tools::kCountsAllocations) GTEST_SKIP() << "the heap belongs to a sanitizer";
+  if (!allocations::kCounts) GTEST_SKIP() << "the heap belongs to a sanitizer";
   MinJerkJoint joint({posture(0.9), 0.5}, limits);
   RelativeMinJerkJoint relative_joint({Vector7::Constant(0.1), 0.5}, limits);
   MinJerkPose pose({0.5 * direction(), realtime::exp(2 * direction()), 0.5}, limits);
   RelativeMinJerkPose relative_pose(
-      {Vector3::Constant(0.1), realtime::exp(direction()), RelativeMinJerkPose::Frame::kBase, 0.5}, limits);
+      {Vector3::Constant(0.1), realtime::exp(direction()), realtime::PoseDifference::Frame::kBase}, 0.5, limits);
   const Reference from_joint = joints_moving(), from_pose = pose_moving();
   Reference at;
   const testing_tools::AllocationCounter allocations;

@@ -371,6 +371,10 @@ TEST(FciDriverConnect, DoesNotAskForEverARobotThatRefusesItsOwnVersion) {
     robot.take_connect(1, 7);
   });
   EXPECT_TRUE(contains(text, "refused version 6")) << text;
+
+  ScriptedRobot newest(10);
+  const std::string same = refusal(newest, [&] { newest.take_connect(1, 10); });
+  EXPECT_TRUE(contains(same, "refused version 10")) << same;
 }
 
 TEST(FciDriverConnect, SaysThatAnotherClientMayHaveTheRobot) {

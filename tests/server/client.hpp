@@ -57,6 +57,12 @@ class Client {
     request.mutable_start_skill()->set_preempt(preempt);
     return ask(request);
   }
+  proto::Reply start_after(const proto::Skill& skill, std::uint64_t before) {
+    proto::Request request;
+    *request.mutable_start_skill()->mutable_skill() = skill;
+    request.mutable_start_skill()->set_after(before);
+    return ask(request);
+  }
   proto::Reply stop() {
     proto::Request request;
     request.mutable_stop_skill();

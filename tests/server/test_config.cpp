@@ -80,6 +80,19 @@ TEST(Config, OfOneRobotIsReadAsAFileIs) {
   EXPECT_FALSE(config.arms[0].gripper);
 }
 
+TEST(Config, WallsAreOfTheirArm) {
+  const Config config = parse_config(kArm + "[[arm.wall]]\nname = 'table'\nshape = 'box'\nsize = [1, 1, 0.1]\nposition = [0.5, 0, -0.05]\n"
+                                            "[[arm.wall]]\nname = 'tool'\nshape = 'capsule'\nradius = 0.02\nlength = 0\nheld = true\n",
+                                     "arms.toml");
+  ASSERT_EQ(config.arms[0].walls.size(), 2u);
+  const auto& table = config.arms[0].walls[0];
+  EXPECT_EQ(table.name(), "table");
+  EXPECT_EQ(table.box().size(2), 0.1);
+  EXPECT_EQ(table.position(0), 0.5);
+  EXPECT_EQ(table.orientation(0), 1);
+  EXPECT_TRUE(config.arms[0].walls[1].held());
+}
+
 struct Bad {
   std::string toml;
   std::string error;  // how it begins
@@ -90,10 +103,13 @@ TEST(Config, EachErrorSaysWhereWhatAndWhatElse) {
       {"", "arms.toml:1: arm is missing: expected at least one [[arm]]"},
       {"a = [1,", "arms.toml:1: not TOML: "},
       {"[arm]\nname='x'\n", "arms.toml:1: arm: expected one [[arm]] (in double brackets)"},
-      {"arms = 1\n" + kArm, "arms.toml:1: unknown key arms; known are server, arm"},
+      {"arms = 1\n" + kArm, "arms.toml:1: unknown key arms; known are server, recordings, load, arm"},
       {"[server]\nprot = 3\n" + kArm, "arms.toml:2: unknown key server.prot; known are listen, port"},
       {"[server]\nport = 65536\n" + kArm, "arms.toml:2: server.port = 65536: expected a whole number, 0 to 65535"},
       {"[server]\nport = 80.5\n" + kArm, "arms.toml:2: server.port = 80.5: expected a whole number"},
+      {kArm + "processor = 1.5\n", "arms.toml:4: arm.processor = 1.5: expected the number of a processor"},
+      {kArm + "lockstep = 1\n", "arms.toml:4: arm.lockstep = 1: expected true or false"},
+      {kArm + "processor = -1\n", "arms.toml:4: arm.processor = -1: expected the number of a processor"},
       {"[server]\nlisten = 'everywhere'\n" + kArm, "arms.toml:2: server.listen = 'everywhere': expected an IPv4"},
       {"[[arm]]\naddress='a'\n", "arms.toml:1: arm.name is missing: expected a name"},
       {"[[arm]]\nname='a'\n", "arms.toml:1: arm.address is missing: expected the robot's address"},
@@ -104,6 +120,13 @@ TEST(Config, EachErrorSaysWhereWhatAndWhatElse) {
       {kArm + "hold_time = -1\n", "arms.toml:4: arm.hold_time = -1: expected 0 to 3600 s"},
       {kArm + "hold_time = nan\n", "arms.toml:4: arm.hold_time = nan: expected 0 to 3600 s"},
       {kArm + "load = 2\n", "arms.toml:4: arm.load = 2: expected a table"},
+      {kArm + "wall = 2\n", "arms.toml:4: arm.wall: expected one [[arm.wall]] for each wall"},
+      {kArm + "[[arm.wall]]\nshape = 'plane'\n", "arms.toml:4: arm.wall.name is missing"},
+      {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'cone'\n", "arms.toml:6: arm.wall.shape = 'cone': expected \"plane\", \"box\""},
+      {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'sphere'\nradius = 0\n", "arms.toml:7: arm.wall.radius = 0: expected 0.001 to 10 m"},
+      {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'box'\nsize = [1, nan, 1]\n", "arms.toml:7: arm.wall.size[1] = nan: expected edges"},
+      {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'plane'\n[[arm.wall]]\nname = 'a'\nshape = 'plane'\n",
+       "arms.toml:7: arm.wall.name = 'a': another wall has this name"},
       {kArm + "[arm.load]\nmas = 2\n", "arms.toml:4: arm.load.mass is missing: expected kg"},
       {kArm + "[arm.load]\nmass = 200\n", "arms.toml:5: arm.load.mass = 200: expected 0 to 20 kg"},
       {kArm + "[arm.load]\nmass = 1\ncenter_of_mass = [0, 0]\n", "arms.toml:6: arm.load.center_of_mass = [ 0, 0 ]: expected 3"},
@@ -130,9 +153,27 @@ upper_force_thresholds = [10, 20, 30, 40, 50, 60]
   EXPECT_EQ(text, "arms.toml:4: arm.collision.lower_torque_thresholds[2] = 31: expected at most the upper one, 30");
 }
 
+TEST(Config, TheExampleIsOne) {
+  const std::string file = REPOSITORY_DIR "/examples/arms.toml";
+  const Config config = parse_config(read_config_file(file), file);
+  ASSERT_EQ(config.arms.size(), 2u);
+  EXPECT_EQ(config.arms[0].processor, 3);
+  EXPECT_TRUE(config.arms[1].settings.collision_behavior);
+}
+
 TEST(Config, AFileThatCannotBeReadIsNamed) {
   EXPECT_THROW(read_config_file("/nowhere/arms.toml"), ConfigError);
   EXPECT_THROW(read_config_file("/tmp"), ConfigError);
+}
+
+TEST(Config, NamesLibrariesOfParts) {
+  EXPECT_TRUE(parse_config(kArm, "arms.toml").load.empty());
+  const std::vector<std::string> expected = {"a.so", "/b/c.so"};
+  EXPECT_EQ(parse_config("load = ['a.so', '/b/c.so']\n" + kArm, "arms.toml").load, expected);
+  EXPECT_NE(error_of("load = 'a.so'\n" + kArm).find("arms.toml:1: load = 'a.so': expected a list of libraries"),
+            std::string::npos)
+      << error_of("load = 'a.so'\n" + kArm);
+  EXPECT_NE(error_of("load = [3]\n" + kArm).find("expected a list of libraries"), std::string::npos);
 }
 
 }  // namespace

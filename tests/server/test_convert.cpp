@@ -3,6 +3,7 @@
 #include <set>
 
 #include "server/convert.hpp"
+#include "server/registry.hpp"
 
 namespace server {
 namespace {
@@ -120,6 +121,23 @@ TEST(Convert, AResultSaysWhatHappenedAndWhatToDo) {
   realtime::SkillResult refused{.ending = realtime::Ending::kRefused, .status = fci::Status::kInvalidArgument};
   refused.refused = fci::Command::kSetJointImpedance;
   EXPECT_NE(text(refused).find("SetJointImpedance: invalid argument"), std::string::npos) << text(refused);
+
+  using Why = realtime::PartFault::Why;
+  const std::uint16_t number = number_of("CartesianImpedance");
+  EXPECT_GT(number, 0);
+  const auto fault = [&](Why why, std::uint16_t part) {
+    return text({.ending = realtime::Ending::kComponentFault, .time = 0.5, .fault = {why, part, 4'250'000}});
+  };
+  EXPECT_TRUE(fault(Why::kTooLong, number).starts_with("the controller CartesianImpedance takes too long for the 1 kHz loop: "
+                                                       "the last step took 4.25 ms, and should take 0.3 ms at most"))
+      << fault(Why::kTooLong, number);
+  EXPECT_TRUE(fault(Why::kAllocates, number_of("Time")).starts_with("the termination Time took memory from the heap"));
+  EXPECT_TRUE(fault(Why::kNotFinite, number_of("StayPose")).starts_with("the trajectory StayPose gave a value that is not"));
+  EXPECT_TRUE(fault(Why::kNotFinite, 0).starts_with("a part gave a value")) << "of a skill that has no numbers";
+  error.fault = {Why::kTooLong, number, 30'000'000};
+  EXPECT_EQ(text(error).find("One step of"), std::string::npos) << "which is not late";
+  error.errors[static_cast<std::size_t>(fci::Error::kCommunicationConstraints)] = true;
+  EXPECT_NE(text(error).find("One step of the controller CartesianImpedance took 30 ms"), std::string::npos) << text(error);
 }
 
 }  // namespace

@@ -17,7 +17,7 @@ TEST(RealtimeSetup, ReadsTheKernelsListsOfProcessors) {
 
 TEST(RealtimeSetup, WhateverIsLessThanItShouldBeComesWithItsRemedy) {
   RealtimeReport report = prepare_process();
-  std::thread([&] { prepare_thread(0, report); }).join();
+  std::thread([&] { prepare_thread(0, {}, true, report); }).join();
   munlockall();
   const auto told = [&](const std::string& what) {
     for (const auto& each : report.deficiencies) {

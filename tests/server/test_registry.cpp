@@ -11,7 +11,10 @@
 namespace server {
 namespace {
 
-const models::Limits& limits() { return models::limits(models::arm("fr3"), 10); }
+realtime::Arm arm() {
+  static realtime::Model model(models::urdf(models::arm("fr3"), 10));
+  return {models::limits(models::arm("fr3"), 10), model, realtime::Vector7::Map(models::kHome.data())};
+}
 
 std::set<std::string> messages_of(const google::protobuf::Descriptor* one) {
   std::set<std::string> names;
@@ -31,7 +34,7 @@ TEST(Registry, AnUnknownKindIsRefusedWithThoseKnown) {
   google::protobuf::Any any;
   any.set_type_url("type.googleapis.com/frankapy.proto.Waltz");
   try {
-    make_trajectory(any, limits());
+    make_trajectory(any, arm());
     FAIL() << "made";
   } catch (const Refused& refused) {
     EXPECT_EQ(refused.code, proto::Error::INVALID_ARGUMENT);
@@ -41,9 +44,9 @@ TEST(Registry, AnUnknownKindIsRefusedWithThoseKnown) {
   }
   // A kind of another sort is none either.
   any.PackFrom(proto::JointImpedance());
-  EXPECT_THROW(make_trajectory(any, limits()), Refused);
-  EXPECT_NO_THROW(make_controller(any, limits()));
-  EXPECT_THROW(make_controller({}, limits()), Refused);
+  EXPECT_THROW(make_trajectory(any, arm()), Refused);
+  EXPECT_NO_THROW(make_controller(any, arm()));
+  EXPECT_THROW(make_controller({}, arm()), Refused);
 }
 
 TEST(Registry, BytesThatAreNoMessageAreRefused) {
@@ -51,7 +54,7 @@ TEST(Registry, BytesThatAreNoMessageAreRefused) {
   any.PackFrom(proto::JointImpedance());
   any.set_value("\x0a\xff\xff\xff");
   try {
-    make_controller(any, limits());
+    make_controller(any, arm());
     FAIL() << "made";
   } catch (const Refused& refused) {
     EXPECT_STREQ(refused.what(), "4 bytes that are no JointImpedance");
@@ -64,10 +67,21 @@ TEST(Registry, AComponentsOwnChecksAreRefusals) {
   for (int i = 0; i < 6; ++i) both.add_k_x(100);
   google::protobuf::Any any;
   any.PackFrom(both);
-  EXPECT_THROW(make_controller(any, limits()), Refused);
+  EXPECT_THROW(make_controller(any, arm()), Refused);
 
   any.PackFrom(proto::Time());  // neither of its two times
-  EXPECT_THROW(make_termination(any, limits()), Refused);
+  EXPECT_THROW(make_termination(any, arm()), Refused);
+}
+
+TEST(Registry, NumbersAreThePlacesOfTheTitles) {
+  const auto titles = titles_of_kinds();
+  EXPECT_EQ(titles.size(), trajectory_kinds().size() + controller_kinds().size() + termination_kinds().size());
+  for (const auto& [role, kinds] : {std::pair{"trajectory ", trajectory_kinds()}, std::pair{"controller ", controller_kinds()},
+                                    std::pair{"termination ", termination_kinds()}}) {
+    for (const auto& kind : kinds) EXPECT_EQ(titles.at(number_of(kind) - 1), role + kind);
+  }
+  EXPECT_EQ(number_of("Waltz"), 0);
+  EXPECT_EQ(number_of("elsewhere.Time"), 0);
 }
 
 }  // namespace

@@ -51,16 +51,31 @@ TEST_F(SkillBuilderTest, MissingPartsAreNamed) {
 
 TEST_F(SkillBuilderTest, PartsThatDoNotFitAreRefusedWithThoseThatDo) {
   EXPECT_EQ(error_of(skill_of(joint_motion(), proto::CartesianImpedance())),
-            "CartesianImpedance does not take the joint references of MinJerkJoint: use JointImpedance, "
-            "InternalImpedance, or another trajectory");
-  EXPECT_EQ(error_of(skill_of(pose_motion(0, 0, 0.1), proto::JointImpedance())),
-            "JointImpedance does not take the Cartesian references of RelativeMinJerkPose: use CartesianImpedance, "
-            "InternalImpedance, or another trajectory");
-  auto skill = skill_of(pose_motion(0, 0, 0.1), proto::CartesianImpedance());
+            "CartesianImpedance does not take the joint references of MinJerkJoint: use JointImpedance, FreeDrive, "
+            "Lqr, PassThrough, PassThroughJointTorque, InternalImpedance, or another trajectory");
+  auto skill = skill_of(pose_motion(0, 0, 0.1), proto::JointImpedance());
+  skill.set_robot_controller(proto::TORQUE);
+  EXPECT_EQ(error_of(skill),
+            "the robot controller TORQUE does not fit JointImpedance with the Cartesian references of "
+            "RelativeMinJerkPose: use TORQUE_AND_CARTESIAN_POSE, TORQUE_AND_CARTESIAN_VELOCITY");
+  skill = skill_of(pose_motion(0, 0, 0.1), proto::CartesianImpedance());
   skill.add_terminations()->PackFrom(proto::FinalJoint());
   EXPECT_TRUE(error_of(skill).starts_with(
       "FinalJoint cannot judge the Cartesian references of RelativeMinJerkPose: use "))
       << error_of(skill);
+}
+
+TEST_F(SkillBuilderTest, TheRobotControllerIsTheOneNamedOrElseTheFirstThatFits) {
+  using Generator = fci::MotionGeneratorMode;
+  using Controller = fci::ControllerMode;
+  auto skill = skill_of(pose_motion(0, 0, 0.1), proto::CartesianImpedance());
+  EXPECT_EQ(builder_.build(skill, now_)->mode, robot::kTorque);
+  skill.set_robot_controller(proto::TORQUE_AND_CARTESIAN_VELOCITY);
+  EXPECT_EQ(builder_.build(skill, now_)->mode, (robot::Mode{Controller::kExternal, Generator::kCartesianVelocity}));
+  skill = skill_of(pose_motion(0, 0, 0.1), proto::JointImpedance());
+  EXPECT_EQ(builder_.build(skill, now_)->mode, (robot::Mode{Controller::kExternal, Generator::kCartesianPosition}));
+  skill = skill_of(joint_motion(), proto::InternalImpedance());
+  EXPECT_EQ(builder_.build(skill, now_)->mode, (robot::Mode{Controller::kJointImpedance, Generator::kJointPosition}));
 }
 
 TEST_F(SkillBuilderTest, SizesAreBounded) {

@@ -5,13 +5,17 @@
 #include <sys/wait.h>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <sstream>
 
+#include "client/sensor_publisher.hpp"
+#include "frankapy/proto/sensors.pb.h"
 #include "tests/server/client.hpp"
 #include "tests/server/fake_robot.hpp"
+#include "wire/proto/validation.hpp"
 
 namespace server {
 namespace {
@@ -137,6 +141,35 @@ TEST_F(SupervisorTest, SaysWhereEachArmIsOrWhyNot) {
   EXPECT_NE(program_->log().find("scheduling"), std::string::npos);
 }
 
+TEST_F(SupervisorTest, AProgramInCppPublishesSensorMessages) {
+  ASSERT_TRUE(eventually([&] { return ready(0); })) << arm(0).status();
+  proto::JointPositionSensorMessage message;
+  for (int i = 0; i < 7; ++i) message.add_joints(models::kHome[i]);
+  {
+    client::SensorPublisher publisher("policy", program_->endpoint());
+    for (int i = 0; i < 100; ++i) publisher.publish(message);
+    message.set_joints(3, NAN);
+    EXPECT_THROW(publisher.publish(message), wire::Invalid);
+  }
+  Client client(context_, arm(0).endpoint());
+  client.hello();
+  proto::Request request;
+  request.mutable_list_topics();
+  ASSERT_TRUE(eventually([&] {
+    const auto topics = client.ask(request).topics();
+    return topics.topics_size() == 1 && topics.topics(0).received() == 100;
+  }));
+  const auto topic = client.ask(request).topics().topics(0);
+  EXPECT_EQ(topic.topic(), "policy");
+  EXPECT_EQ(topic.message(), "JointPositionSensorMessage");
+  EXPECT_EQ(topic.lost() + topic.out_of_order() + topic.refused(), 0u);
+
+  EXPECT_THROW(client::SensorPublisher("policy", program_->endpoint(), 3), std::invalid_argument);
+  EXPECT_THROW(client::SensorPublisher("policy", program_->endpoint(), 2), std::runtime_error);  // is not there
+  EXPECT_THROW(client::SensorPublisher("", program_->endpoint()), std::invalid_argument);
+  EXPECT_THROW(client::SensorPublisher("policy", "127.0.0.1:1"), std::runtime_error);
+}
+
 TEST_F(SupervisorTest, AnArmThatDiesIsStartedAgainWhereItWas) {
   ASSERT_TRUE(eventually([&] { return ready(0); }));
   const std::string endpoint = arm(0).endpoint();
@@ -147,6 +180,10 @@ TEST_F(SupervisorTest, AnArmThatDiesIsStartedAgainWhereItWas) {
 
   kill(before[0], SIGKILL);
   ASSERT_TRUE(eventually([&] { return robot_.connections() == 2 && ready(0); })) << arm(0).status();
+  EXPECT_EQ(arm(0).starts(), 2u);
+  EXPECT_EQ(arm(0).ended(), "was killed by signal 9 (Killed)");
+  EXPECT_EQ(arm(1).starts(), 1u);
+  EXPECT_EQ(arm(1).ended(), "");
   const auto after = program_->children();
   EXPECT_EQ(std::count(after.begin(), after.end(), before[0]), 0);
   EXPECT_EQ(std::count(after.begin(), after.end(), before[1]), 1);  // the other arm does not notice

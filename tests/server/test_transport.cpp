@@ -4,6 +4,8 @@
 #include <thread>
 
 #include "server/publisher.hpp"
+#include "server/recorder.hpp"
+#include "server/sensor_hub.hpp"
 #include "server/transport.hpp"
 #include "tests/server/client.hpp"
 #include "tests/server/skills.hpp"
@@ -28,6 +30,7 @@ class TransportTest : public testing::Test {
   void connect() {
     proto::Welcome welcome;
     welcome.set_arm("test arm");
+    welcome.set_model("fr3");
     transport_.connected(std::make_shared<SkillBuilder>(fr3_model(), fr3_limits()), welcome);
     publish();
   }
@@ -37,7 +40,7 @@ class TransportTest : public testing::Test {
     ++record_.cycles;
     ++record_.state.message_id;
     door_.records.push(record_);
-    while (door_.records.front() != nullptr) std::this_thread::sleep_for(100us);
+    while (!publisher_.newest() || publisher_.newest()->cycles != record_.cycles) std::this_thread::sleep_for(100us);
   }
 
   // The skill that waits at the door, as the loop takes it.
@@ -59,10 +62,13 @@ class TransportTest : public testing::Test {
   }
 
   zmq::context_t context_;
-  realtime::Door door_;
+  BlackBox box_;
+  realtime::Door door_{box_.records};
   realtime::Record record_ = record_at_home();
   Publisher publisher_{context_, "127.0.0.1", 0, door_, nullptr};
-  Transport transport_{context_, "127.0.0.1", 0, door_, publisher_, nullptr};
+  SensorHub sensors_{context_, "127.0.0.1", 0, box_.journal};
+  Recorder recorder_{box_, RecordingsConfig{.mode = RecordingsConfig::Mode::kOff, .folder = {}}, "arm", nullptr};
+  Transport transport_{context_, "127.0.0.1", 0, door_, publisher_, sensors_, recorder_, nullptr};
   std::atomic<bool> quit_{false};
   std::thread thread_;
   const proto::Skill skill_ = skill_of(joint_motion(), proto::JointImpedance());
@@ -162,11 +168,81 @@ TEST_F(TransportTest, ASkillThatTheLoopHasNotTakenIsPreemptedToo) {
   proto::Request request;
   *request.mutable_start_skill()->mutable_skill() = skill_;
   request.mutable_start_skill()->set_preempt(true);
-  a.send(request);
+  EXPECT_TRUE(a.ask(request).has_skill_started());
   const auto result = a.receive();
   EXPECT_EQ(result.request_id(), first.request_id());
   EXPECT_EQ(result.skill_result().ending(), proto::PREEMPTED);
+}
+
+TEST_F(TransportTest, QueuedSkillsAreHandedOnOneByOne) {
+  auto a = client();
+  const auto first = a.start(skill_).skill_started().skill_id();
+  auto running = take();
+  const auto second = a.start_after(skill_, first).skill_started().skill_id();
+  const auto third = a.start_after(skill_, second).skill_started().skill_id();
+  std::unique_ptr<realtime::Skill> waiting(door_.queued.take());
+  ASSERT_NE(waiting, nullptr);
+  EXPECT_EQ(waiting->id, second);
+  EXPECT_EQ(waiting->after, first);
+  EXPECT_TRUE(door_.next.empty());
+  finish(std::move(running));
+  EXPECT_EQ(a.receive().skill_result().skill_id(), first);
+  while (door_.queued.empty()) std::this_thread::sleep_for(100us);
+  const std::unique_ptr<realtime::Skill> last(door_.queued.take());
+  EXPECT_EQ(last->id, third);
+  EXPECT_EQ(last->after, second);
+}
+
+TEST_F(TransportTest, WhatWaitsForAFailureIsCancelled) {
+  auto a = client();
+  const auto first = a.start(skill_).skill_started().skill_id();
+  auto running = take();
+  const auto second = a.start_after(skill_, first).skill_started().skill_id();
+  const auto third = a.start_after(skill_, second).skill_started().skill_id();
+  std::unique_ptr<realtime::Skill> waiting;
+  while (!waiting) waiting.reset(door_.queued.take());
+  finish(std::move(running), realtime::Ending::kRobotError);
+  finish(std::move(waiting), realtime::Ending::kCancelled);  // as the loop does
+  for (const auto& [id, ending] : {std::pair{first, proto::ROBOT_ERROR}, {second, proto::CANCELLED}, {third, proto::CANCELLED}}) {
+    const auto result = a.receive().skill_result();
+    EXPECT_EQ(result.skill_id(), id);
+    EXPECT_EQ(result.ending(), ending);
+  }
+  EXPECT_TRUE(a.start_after(skill_, third).has_skill_started());  // which came too late
+  EXPECT_EQ(a.receive().skill_result().ending(), proto::CANCELLED);
+  EXPECT_EQ(take(), nullptr);
+  EXPECT_TRUE(a.start(skill_).has_skill_started());
+}
+
+TEST_F(TransportTest, WhatIsQueuedWronglyIsRefused) {
+  auto a = client();
+  EXPECT_EQ(a.start_after(skill_, 7).error().code(), proto::Error::INVALID_ARGUMENT);
+  const auto first = a.start(skill_).skill_started().skill_id();
+  const auto second = a.start_after(skill_, first).skill_started().skill_id();
+  const auto reply = a.start_after(skill_, first);
+  EXPECT_EQ(reply.error().code(), proto::Error::INVALID_ARGUMENT);
+  EXPECT_EQ(reply.error().message(), "StartSkill.after = " + std::to_string(first) +
+                                         ": expected the last skill of this client, " + std::to_string(second));
+  EXPECT_EQ(a.start(skill_).error().code(), proto::Error::BUSY);
+}
+
+TEST_F(TransportTest, WhatTakesOverDropsTheQueue) {
+  auto a = client();
+  const auto first = a.start(skill_).skill_started().skill_id();
+  auto running = take();
+  const auto second = a.start_after(skill_, first).skill_started().skill_id();
+  const auto third = a.start_after(skill_, second).skill_started().skill_id();
+  proto::Request request;
+  *request.mutable_start_skill()->mutable_skill() = skill_;
+  request.mutable_start_skill()->set_preempt(true);
+  a.send(request);
+  for (const auto id : {second, third}) {
+    const auto result = a.receive().skill_result();
+    EXPECT_EQ(result.skill_id(), id);
+    EXPECT_EQ(result.ending(), proto::PREEMPTED);
+  }
   EXPECT_TRUE(a.receive().has_skill_started());
+  EXPECT_TRUE(door_.queued.empty());
 }
 
 TEST_F(TransportTest, OneClientCommandsAndAnyNumberRead) {
@@ -314,25 +390,57 @@ TEST_F(TransportTest, AGripperThatIsNotThereIsSaidSo) {
   EXPECT_NE(reply.error().message().find("without a gripper"), std::string::npos) << reply.error().message();
 }
 
+// Listens to states as a client does.
+class Subscriber {
+ public:
+  Subscriber(zmq::context_t& context, const std::string& endpoint, const std::string& topic)
+      : topic_(topic + '\0'), socket_(context, zmq::socket_type::sub) {
+    socket_.set(zmq::sockopt::linger, 0);
+    socket_.set(zmq::sockopt::rcvtimeo, 100);
+    socket_.set(zmq::sockopt::subscribe, topic_);
+    socket_.connect(endpoint);
+  }
+  std::optional<proto::ArmState> next() {
+    zmq::message_t message;
+    if (!socket_.recv(message)) return std::nullopt;
+    proto::ArmState state;
+    EXPECT_EQ(message.to_string_view().substr(0, topic_.size()), topic_);
+    EXPECT_TRUE(state.ParseFromString(message.to_string().substr(topic_.size())));
+    return state;
+  }
+
+ private:
+  const std::string topic_;
+  zmq::socket_t socket_;
+};
+
 TEST_F(TransportTest, StatesArePublishedToWhoListens) {
-  zmq::socket_t subscriber(context_, zmq::socket_type::sub);
-  subscriber.set(zmq::sockopt::linger, 0);
-  subscriber.set(zmq::sockopt::rcvtimeo, 100);
-  subscriber.set(zmq::sockopt::subscribe, "");
-  subscriber.connect(publisher_.endpoint());
-  zmq::message_t message;
-  for (int n = 0; n < 200 && !subscriber.recv(message); ++n) publish();  // until the subscription has arrived
-  proto::ArmState state;
-  ASSERT_TRUE(state.ParseFromArray(message.data(), static_cast<int>(message.size())));
-  EXPECT_EQ(state.robot().q(3), models::kHome[3]);
-  const auto last = state.cycles();
-  // From then on each of them, in order.
+  Subscriber all(context_, publisher_.endpoint(), "1");
+  Subscriber some(context_, publisher_.endpoint(), "10 robot.q,cycles");
+  Subscriber wrong(context_, publisher_.endpoint(), "10 robot.nothing");
+  std::optional<proto::ArmState> state;
+  // Until the subscriptions have arrived.
+  for (int n = 0; n < 200 && !(state = some.next()); ++n) publish();
+  ASSERT_TRUE(state);
+  while (all.next()) {
+  }
+  const auto last = record_.cycles;
   for (int n = 1; n <= 50; ++n) publish();
   for (auto expected = last + 1; expected <= record_.cycles; ++expected) {
-    ASSERT_TRUE(subscriber.recv(message));
-    ASSERT_TRUE(state.ParseFromArray(message.data(), static_cast<int>(message.size())));
-    EXPECT_EQ(state.cycles(), expected);
+    ASSERT_TRUE(state = all.next());
+    EXPECT_EQ(state->cycles(), expected);
+    EXPECT_EQ(state->robot().q(3), models::kHome[3]);
+    EXPECT_EQ(state->robot().tau_j_size(), 7);
   }
+  int n = 0;
+  for (; (state = some.next()); ++n) {
+    EXPECT_EQ(state->cycles() % 10, 0u);
+    EXPECT_EQ(state->robot().q(3), models::kHome[3]);
+    EXPECT_EQ(state->robot().tau_j_size(), 0);
+    EXPECT_FALSE(state->has_phase());
+  }
+  EXPECT_GE(n, 5);
+  EXPECT_FALSE(wrong.next());
 }
 
 }  // namespace

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "thresholds.hpp"
 #include "wire/fci/gripper.hpp"
 #include "wire/fci/robot_command.hpp"
 #include "wire/fci/service.hpp"

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "raw_client.hpp"
+#include "scene_file.hpp"
 #include "simulated_arm.hpp"
 
 namespace {
@@ -55,51 +56,100 @@ TEST(Gripper, StopAbortsWhatIsUnderWay) {
   EXPECT_NEAR(hand.state.width, width, 1e-4);
 }
 
+TEST(Gripper, ANewCommandAbortsTheOneUnderWay) {
+  SimulatedArm arm;
+  RawGripper hand(arm.address());
+  const auto homing = hand.post(gripper::Homing{});
+  const auto move = hand.post(gripper::Move{0.05, 0.1});
+  EXPECT_EQ(hand.answer(homing), Status::kAborted);
+  const auto grasp = hand.post(gripper::Grasp{0.02, 0.005, 0.005, 0.05, 20});
+  EXPECT_EQ(hand.answer(move), Status::kAborted);
+  const auto stop = hand.post(gripper::Stop{});
+  EXPECT_EQ(hand.answer(grasp), Status::kAborted);
+  EXPECT_EQ(hand.answer(stop), Status::kSuccess);
+  EXPECT_FALSE(hand.fresh().is_grasped);
+}
+
 TEST(Gripper, OtherVersionsAreRefused) {
   SimulatedArm arm;
   EXPECT_NE(RawGripper(arm.address(), 2).connect_status, Status::kSuccess);
   EXPECT_EQ(RawGripper(arm.address(), 3).connect_status, Status::kSuccess);
 }
 
+// The tool to (x, y, z) with minimum jerk; in lockstep the arm waits for each command, so it takes as long as it takes.
+void go(RawClient& robot, double x, double y, double z, int cycles) {
+  robot.start({.motion_generator_mode = fci::MotionGeneratorMode::kCartesianPosition});
+  const auto start = robot.state.O_T_EE_c;
+  const auto make = [&](int cycle) {
+    const double s = std::min(1., static_cast<double>(cycle) / cycles);
+    const double part = s * s * s * (10 - 15 * s + 6 * s * s);
+    fci::RobotCommand command;
+    command.O_T_EE_c = start;
+    command.O_T_EE_c[12] += part * (x - start[12]);
+    command.O_T_EE_c[13] += part * (y - start[13]);
+    command.O_T_EE_c[14] += part * (z - start[14]);
+    return command;
+  };
+  robot.drive(cycles + 100, make);
+  EXPECT_EQ(robot.finish(make(cycles)), fci::Status::kSuccess);
+}
+
 TEST(Gripper, TakesABlockFromTheTableAndLiftsIt) {
   SimulatedArm arm({"--lockstep", "--scene", REPOSITORY_DIR "/sim/scenes/table_with_block.xml"});
   RawClient robot(arm.address(), 10);
   RawGripper hand(arm.address());
-  ASSERT_EQ(hand.ask(gripper::Move{0.08, 0.1}), Status::kSuccess);
-
-  // The tool to (x, y, z) with minimum jerk; the arm waits for each command, so it takes as long as it takes.
-  const auto go = [&](double x, double y, double z, int cycles) {
-    robot.start({.motion_generator_mode = fci::MotionGeneratorMode::kCartesianPosition});
-    const auto start = robot.state.O_T_EE_c;
-    const auto make = [&](int cycle) {
-      const double s = std::min(1., static_cast<double>(cycle) / cycles);
-      const double part = s * s * s * (10 - 15 * s + 6 * s * s);
-      fci::RobotCommand command;
-      command.O_T_EE_c = start;
-      command.O_T_EE_c[12] += part * (x - start[12]);
-      command.O_T_EE_c[13] += part * (y - start[13]);
-      command.O_T_EE_c[14] += part * (z - start[14]);
-      return command;
-    };
-    robot.drive(cycles + 100, make);
-    EXPECT_EQ(robot.finish(make(cycles)), fci::Status::kSuccess);
+  ASSERT_EQ(hand.ask(gripper::Move{.width = 0.08, .speed = 0.1}), Status::kSuccess);
+  go(robot, 0.5, -0.15, 0.15, 2000);
+  go(robot, 0.5, -0.15, 0.02, 1500);
+  // It is 4 cm wide: within width - inner and width + outer, or not.
+  const auto grasp = [&](double width, double inner, double outer) {
+    return hand.ask(gripper::Grasp{width, inner, outer, 0.1, 30});
   };
-  go(0.5, -0.15, 0.15, 2000);
-  go(0.5, -0.15, 0.02, 1500);
-  EXPECT_EQ(hand.ask(gripper::Grasp{0.03, 0.005, 0.005, 0.1, 30}), Status::kUnsuccessful);  // it is 4 cm wide
-  EXPECT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 30}), Status::kSuccess);
+  EXPECT_EQ(grasp(0.03, 0.005, 0.005), Status::kUnsuccessful);
+  EXPECT_FALSE(hand.fresh().is_grasped);
+  EXPECT_EQ(grasp(0.03, 0.005, 0.015), Status::kSuccess);
+  EXPECT_EQ(grasp(0.05, 0.005, 0.02), Status::kUnsuccessful);
+  EXPECT_EQ(grasp(0.05, 0.015, 0), Status::kSuccess);
+  EXPECT_EQ(grasp(0.04, 0.005, 0.005), Status::kSuccess);
   hand.fresh();
   EXPECT_TRUE(hand.state.is_grasped);
   EXPECT_NEAR(hand.state.width, 0.04, 0.002);
-  go(0.5, -0.15, 0.2, 1500);
+  EXPECT_EQ(hand.ask(gripper::Move{.width = 0.02, .speed = 0.1}), Status::kUnsuccessful);  // the block is in the way
+  EXPECT_EQ(grasp(0.04, 0.005, 0.005), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Stop{}), Status::kSuccess);  // which goes on holding
+  go(robot, 0.5, -0.15, 0.2, 1500);
   for (int i = 0; i < 5; ++i) hand.newest();
   EXPECT_TRUE(hand.state.is_grasped);
+  EXPECT_GE(hand.state.temperature, 20);
+  EXPECT_LE(hand.state.temperature, 60);
   // It has the block's weight: 0.1 kg.
   for (int i = 0; i < 300; ++i) robot.receive();
-  EXPECT_NEAR(robot.newest().O_F_ext_hat_K[2], 0.1 * 9.81, 0.8);
+  EXPECT_NEAR(robot.newest().O_F_ext_hat_K[2], 0.1 * 9.81, 0.3);
   EXPECT_EQ(hand.ask(gripper::Move{0.08, 0.1}), Status::kSuccess);
   hand.fresh();
   EXPECT_FALSE(hand.state.is_grasped);
+}
+
+// Fingers of rubber on plastic: held with 10 N from both sides, what weighs 4 kg is not lifted.
+TEST(Gripper, LosesWhatIsPulledOutOfIt) {
+  const sim::SceneFile scene(R"(<mujoco><worldbody>
+    <site name="arm"/>
+    <geom type="plane" size="3 3 0.1"/>
+    <body name="ingot" pos="0.5 -0.15 0.025"><freejoint/>
+      <geom type="box" size="0.02 0.02 0.025" mass="4"/></body></worldbody></mujoco>)");
+  SimulatedArm arm({"--lockstep", "--scene", scene.path()});
+  RawClient robot(arm.address(), 10);
+  ASSERT_EQ(robot.ask(thresholds(100, 100)), fci::Status::kSuccess);
+  RawGripper hand(arm.address());
+  ASSERT_EQ(hand.ask(gripper::Move{0.08, 0.1}), Status::kSuccess);
+  go(robot, 0.5, -0.15, 0.15, 2000);
+  go(robot, 0.5, -0.15, 0.035, 1500);
+  ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 10}), Status::kSuccess);
+  EXPECT_TRUE(hand.fresh().is_grasped);
+  go(robot, 0.5, -0.15, 0.2, 1500);
+  for (int i = 0; i < 10; ++i) hand.newest();
+  EXPECT_FALSE(hand.state.is_grasped);
+  EXPECT_LT(hand.state.width, 0.002);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 // The nine robot controllers over the wire: order of states and answers, losses, reflexes, determinism.
 
+#include <chrono>
 #include <cmath>
 
 #include "models/arm.hpp"
@@ -21,8 +22,8 @@ constexpr double kAngle = 0.1;     // rad, of the last joint
 constexpr double kDistance = 0.04;  // m, upwards
 
 // Minimum jerk from 0 to 1 in kCycles: value, and rate in 1/s.
-std::pair<double, double> profile(int cycle) {
-  const double s = std::clamp(static_cast<double>(cycle) / kCycles, 0., 1.);
+std::pair<double, double> profile(double cycle) {
+  const double s = std::clamp(cycle / kCycles, 0., 1.);
   return {s * s * s * (10 - 15 * s + 6 * s * s), 30 * s * s * (1 - s) * (1 - s) * 1000 / kCycles};
 }
 
@@ -174,22 +175,43 @@ TEST(Motion, TheNextStartsTwoStatesAfterTheFinishFlag) {
 }
 
 TEST(Motion, LostCommandsAreExtrapolatedAndCounted) {
-  SimulatedArm arm({"--lockstep", "--ideal"});
-  RawClient client(arm.address(), 5);
-  client.start({.motion_generator_mode = Mode::kJointVelocity});
-  const auto start = client.state;
-  const int half = kCycles / 2;
-  client.drive(half, [&](int cycle) { return reference(start, cycle); });
-  const auto before = client.state;
-  client.receive();  // after this one's command has stayed out
-  EXPECT_EQ(client.state.message_id, before.message_id + 1);
-  EXPECT_NEAR(client.state.ddq_d[6], before.ddq_d[6], 1e-9);
-  EXPECT_NEAR(client.state.dq_d[6], before.dq_d[6] + 0.001 * before.ddq_d[6], 1e-9);
-  EXPECT_NEAR(client.state.control_command_success_rate, 0.99, 1e-9);
-  client.drive(half, [&](int cycle) { return reference(start, half + 1 + cycle); });
-  EXPECT_EQ(client.state.control_command_success_rate, 1);
-  EXPECT_NEAR(client.state.q_d[6] - start.q_d[6], kAngle, 1e-4);
-  EXPECT_EQ(client.finish(reference(start, kCycles)), Status::kSuccess);
+  // Again where the computer stood still and commands were lost that were not meant to be.
+  bool judged = false;
+  for (int attempt = 0; attempt < 20 && !judged; ++attempt) {
+    SimulatedArm arm({"--lockstep", "--ideal"});
+    RawClient client(arm.address(), 5);
+    client.start({.motion_generator_mode = Mode::kJointVelocity});
+    const auto start = client.state;
+    const int half = kCycles / 2;
+    bool torn = false;
+    std::uint64_t last = 0;
+    double rate = 1;  // that there is without other losses
+    const auto command = [&](int cycle) {
+      torn |= last != 0 && (client.state.message_id != last + 1 || client.state.control_command_success_rate < rate - 1e-9);
+      last = cycle > 0 ? client.state.message_id : 0;  // until its first command the arm goes on at 1 kHz
+      return reference(start, cycle);
+    };
+    client.drive(half, command);
+    const auto before = client.state;
+    client.receive();  // after this one's command has stayed out
+    const auto after = client.state;
+    last = after.message_id - 1;
+    client.drive(half, [&](int cycle) {
+      rate = cycle > 100 ? 1 : 0.99;
+      return command(half + 1 + cycle);
+    });
+    const auto end = client.state;
+    const Status ended = client.finish(reference(start, kCycles));
+    torn |= end.message_id != last + 1 || end.control_command_success_rate < 1;
+    if (torn || after.message_id != before.message_id + 1) continue;
+    judged = true;
+    EXPECT_NEAR(after.ddq_d[6], before.ddq_d[6], 1e-9);
+    EXPECT_NEAR(after.dq_d[6], before.dq_d[6] + 0.001 * before.ddq_d[6], 1e-9);
+    EXPECT_NEAR(after.control_command_success_rate, 0.99, 1e-9);
+    EXPECT_NEAR(end.q_d[6] - start.q_d[6], kAngle, 1e-4);
+    EXPECT_EQ(ended, Status::kSuccess);
+  }
+  EXPECT_TRUE(judged);
 }
 
 TEST(Motion, ALateCommandIsLost) {
@@ -197,16 +219,26 @@ TEST(Motion, ALateCommandIsLost) {
   RawClient client(arm.address(), 10);
   client.start({.controller_mode = ControllerMode::kExternal, .motion_generator_mode = Mode::kNone});
   fci::RobotCommand command;
-  client.drive(5, [&](int) { return command; });
-  command.tau_J_d[6] = 0.5;
-  auto late = client.state;
-  client.receive();  // the arm has given up waiting
-  std::swap(late, client.state);
-  client.send(command);
-  std::swap(late, client.state);
-  command.tau_J_d[6] = 0.25;
-  client.send(command);
-  client.receive();
+  // Again where the computer made the test itself so late that the arm gave up once more.
+  bool judged = false;
+  for (int attempt = 0; attempt < 20 && !judged; ++attempt) {
+    while (client.sockets.datagram_there()) client.receive();
+    command.tau_J_d[6] = 0;
+    client.drive(5, [&](int) { return command; });
+    command.tau_J_d[6] = 0.5;
+    auto late = client.state;
+    client.receive();  // the arm has given up waiting, for which it takes 250 ms
+    const auto given_up = std::chrono::steady_clock::now();
+    std::swap(late, client.state);
+    client.send(command);
+    std::swap(late, client.state);
+    command.tau_J_d[6] = 0.25;
+    judged = !client.sockets.datagram_there();
+    client.send(command);
+    judged &= std::chrono::steady_clock::now() - given_up < std::chrono::milliseconds(100);
+    client.receive();
+  }
+  ASSERT_TRUE(judged);
   EXPECT_EQ(client.state.tau_J_d[6], 0.25);
   EXPECT_LT(client.state.control_command_success_rate, 1);
   EXPECT_EQ(client.finish({}), Status::kSuccess);
@@ -304,6 +336,59 @@ TEST(Motion, ACommandThatIsNoneEndsIt) {
   }
 }
 
+// Down into a plate, as one who misjudged its height.
+TEST(Motion, WhatItRunsIntoStopsIt) {
+  SimulatedArm arm({"--lockstep", "--scene", REPOSITORY_DIR "/sim/scenes/plate.xml"});
+  struct Case {
+    double torque, force;
+    Error error;
+  };
+  for (const Case& guard : {Case{100, 20, Error::kCartesianReflex}, {3, 200, Error::kJointReflex}}) {
+    RawClient client(arm.address(), 10);
+    ASSERT_EQ(client.ask(thresholds(100, 100)), Status::kSuccess);
+    client.start({.motion_generator_mode = Mode::kCartesianPosition});  // above the plate
+    const auto start = client.state;
+    const auto above = [&](int i) {
+      fci::RobotCommand command;
+      command.O_T_EE_c = start.O_T_EE_c;
+      command.O_T_EE_c[12] += (0.5 - start.O_T_EE_c[12]) * profile(i / 3.).first;
+      return command;
+    };
+    client.drive(3 * kCycles + 100, above);
+    ASSERT_EQ(client.finish(above(3 * kCycles)), Status::kSuccess);
+
+    ASSERT_EQ(client.ask(thresholds(guard.torque, guard.force)), Status::kSuccess);
+    client.start({.motion_generator_mode = Mode::kCartesianVelocity});
+    fci::RobotCommand command;
+    for (int i = 1; client.state.robot_mode == RobotMode::kMove && i < 6000; ++i) {
+      command.O_dP_EE_c[2] = -0.1 * profile(std::min(i, kCycles)).first;
+      client.drive(1, [&](int) { return command; });
+    }
+    EXPECT_LT(client.state.O_T_EE[14], 0.22);
+    EXPECT_GT(client.state.O_T_EE[14], 0.19);
+    const bool joint = guard.error == Error::kJointReflex;
+    const auto other = joint ? Error::kCartesianReflex : Error::kJointReflex;
+    EXPECT_FALSE(client.state.errors[static_cast<std::size_t>(other)]);
+    double collisions = 0;
+    for (double level : client.state.joint_collision) collisions += joint ? level : 0;
+    for (double level : client.state.cartesian_collision) collisions += joint ? 0 : level;
+    EXPECT_GE(collisions, 1);
+    for (int i = 0; i < kCycles / 2; ++i) client.receive();  // until it has come to rest on the plate
+    expect_reflex(client, guard.error);
+    for (double level : client.state.joint_collision) EXPECT_EQ(level, 0);
+    for (double level : client.state.cartesian_collision) EXPECT_EQ(level, 0);
+    // Back up, away from the plate.
+    client.start({.motion_generator_mode = Mode::kCartesianVelocity});
+    client.drive(4 * kCycles, [&](int i) {
+      fci::RobotCommand up;
+      up.O_dP_EE_c[2] = 0.15 * (profile(i).first - profile(i - 3 * kCycles).first);
+      return up;
+    });
+    EXPECT_EQ(client.finish({}), Status::kSuccess);
+    EXPECT_GT(client.state.O_T_EE[14], 0.3);
+  }
+}
+
 TEST(Motion, StopMoveBrakesAndPreempts) {
   SimulatedArm arm({"--lockstep"});
   for (const int version : {5, 10}) {
@@ -337,24 +422,42 @@ TEST(Motion, OfAClientThatHasGoneEndsInAReflexThatTheNextOneFinds) {
 }
 
 TEST(Motion, InLockstepIsTheSameEveryTime) {
+  constexpr int kSettling = 500;  // cycles until the arm, handed to another controller, is at rest to the last digits
   std::array<std::vector<TruthRow>, 2> runs;
-  for (auto& rows : runs) {
+  int stalls = 0;  // of the computer, at a moment when the arm does not wait
+  for (std::size_t run = 0; run < runs.size() && stalls < 20;) {
+    auto& rows = runs[run];
+    rows.clear();
+    bool lost = false;
     const std::string file = testing::TempDir() + "lockstep-truth-" + std::to_string(::getpid()) + ".npy";
     SimulatedArm arm({"--lockstep", "--ideal", "--truth", file});
     {
       RawClient client(arm.address(), 10);
       client.start({.controller_mode = ControllerMode::kCartesianImpedance,
                     .motion_generator_mode = Mode::kCartesianPosition});
+      for (int i = 0; i < kSettling; ++i) client.receive();
+      client.newest();
       fci::RobotState start = client.state;
-      client.drive(2 * kCycles, [&](int cycle) { return reference(start, cycle); });
-      EXPECT_EQ(client.finish(reference(start, kCycles)), Status::kSuccess);
+      std::uint64_t last = start.message_id;
+      client.drive(2 * kCycles, [&](int cycle) {
+        // Until the first command the arm goes on at 1 kHz, and after 250 ms without one again.
+        lost |= cycle > 0 && (client.state.message_id != last + 1 || client.sockets.datagram_there() ||
+                              client.state.control_command_success_rate < 1);
+        last = client.state.message_id;
+        return reference(start, cycle);
+      });
+      lost |= client.state.control_command_success_rate < 1;
+      const Status ended = client.finish(reference(start, kCycles));
+      EXPECT_TRUE(lost || ended == Status::kSuccess) << name(ended);
     }
     EXPECT_EQ(arm.terminate(), 0);
+    lost ? ++stalls : ++run;
     for (const TruthRow& row : read_truth(file)) {
       if (row.moving) rows.push_back(row);
     }
     std::filesystem::remove(file);
   }
+  ASSERT_LT(stalls, 20);
   // How many cycles the arm waited before the first command is the wall's affair: compared from the end.
   ASSERT_GE(std::min(runs[0].size(), runs[1].size()), 2u * kCycles);
   double worst = 0;
@@ -363,8 +466,9 @@ TEST(Motion, InLockstepIsTheSameEveryTime) {
     const auto& b = runs[1][runs[1].size() - back];
     for (int i = 0; i < 7; ++i) worst = std::max(worst, std::abs(a.q[i] - b.q[i]));
   }
-  // An arm at rest that waited a little longer differs by rounding, and by nothing else.
-  EXPECT_LT(worst, 1e-12);
+  // An arm at rest that waited a little longer differs by rounding, which decides how far the physics' solver goes on
+  // within its tolerance (up to 4e-10 rad seen). A command that was lost would show: an extrapolated cycle is off by 2e-9.
+  EXPECT_LT(worst, 1e-9);
 }
 
 TEST(Motion, TheArmFeelsWhatItCarries) {

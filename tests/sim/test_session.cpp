@@ -1,9 +1,11 @@
 // Connecting to the simulated arm, its requests and their answers, and what is no client at all.
 
+#include <algorithm>
 #include <thread>
 
 #include "models/arm.hpp"
 #include "raw_client.hpp"
+#include "sim/model_library/model_library.hpp"
 #include "simulated_arm.hpp"
 
 namespace {
@@ -56,7 +58,7 @@ TEST_P(EveryVersion, HasEachOfItsRequests) {
   };
   const bool old = GetParam() <= 5;
   const std::uint32_t first = old ? 4 : 3;
-  expect(client.post(fci::SetCollisionBehavior{}), first, 13);
+  expect(client.post(thresholds(20, 20)), first, 13);
   expect(client.post(fci::SetJointImpedance{}), first + 1, 13);
   expect(client.post(fci::SetCartesianImpedance{{10, 10, 10, 1, 1, 1}}), first + 2, 13);
   expect(client.post(fci::SetGuidingMode{}), first + 3, 13);
@@ -70,7 +72,11 @@ TEST_P(EveryVersion, HasEachOfItsRequests) {
     EXPECT_EQ(limit.body.back(), std::byte{0});  // not activated
     expect(client.post(fci::SetFilters{}), 11, 13);
   }
-  if (GetParam() <= 9) expect(client.post(fci::LoadModelLibrary{}), old ? 13 : 11, 0);
+  if (GetParam() <= 9) {
+    const auto library = expect(client.post(fci::LoadModelLibrary{}), old ? 13 : 11, 0);
+    EXPECT_TRUE(std::ranges::equal(library.body, sim::model_library("fr3", {})));
+    EXPECT_GT(library.body.size(), 10'000u);
+  }
   if (GetParam() >= 8) {
     const auto model = expect(client.post(fci::GetRobotModel{}), GetParam() == 10 ? 11 : 12, 0);
     const std::string urdf(reinterpret_cast<const char*>(model.body.data()), model.body.size());

@@ -11,7 +11,7 @@ namespace testing_tools {
 
 // The first columns of the truth file, which is a NumPy array of rows.
 struct TruthRow {
-  std::uint64_t message_id = 0, moving = 0;
+  std::uint64_t cycle = 0, moving = 0;
   double time = 0;
   double q[7] = {};
 };

@@ -91,6 +91,7 @@ enum class Error : std::size_t {
   kControllerTorqueDiscontinuity = 32,
   kTauJRange = 34,
   kInstabilityDetected = 35,
+  kJointMoveInWrongDirection = 36,
 };
 
 constexpr std::string_view name(Error error) {

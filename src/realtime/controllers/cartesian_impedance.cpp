@@ -1,17 +1,16 @@
 #include "realtime/controllers/cartesian_impedance.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
 #include "realtime/check.hpp"
+#include "realtime/cholesky.hpp"
 #include "realtime/rotation.hpp"
+#include "realtime/symmetric_eigen.hpp"
 
 namespace realtime {
 namespace {
 
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Matrix76 = Eigen::Matrix<double, 7, 6>;
 
 // What EE's mobility J M^-1 J^T (1/kg, 1/(kg m²)) never falls below: near a singularity the arm would
@@ -19,6 +18,8 @@ using Matrix76 = Eigen::Matrix<double, 7, 6>;
 constexpr double kLeastMobility = 1e-3;
 // 1/s: no mode is damped faster, as torque comes a cycle late.
 constexpr double kFastestDamping = 400;
+// Cycles after which the modes are found anew.
+constexpr int kModesAge = 8;
 // N m/rad: a null space without stiffness is damped like one with this.
 constexpr double kLeastNullspaceDamping = 1;
 // How far start() moves the reference (m, rad) and the posture (rad); what a soft law would need beyond is
@@ -27,38 +28,20 @@ constexpr double kMaxShift = 0.1;
 constexpr double kMaxTurn = 0.5;
 constexpr double kMaxPostureShift = 0.5;
 
-// The arm as seen from EE in one cycle.
-struct Dynamics {
-  Matrix76 M_inv_Jt;
-  Eigen::LLT<Matrix6> mobility;  // inverse of Lambda
-  Vector6 v;                     // of EE
-  Vector7 n, M_n;                // the joint motion that leaves EE at rest, |n| = 1, and M n
-  double n_M_n;                  // its inertia, kg m²
+constexpr std::size_t kFirst = 2;  // of the stiffness in its message
 
-  explicit Dynamics(const Cycle& cycle) {
-    const Matrix67& J = cycle.model.jacobian();
-    const Matrix7& M = cycle.model.mass();
-    M_inv_Jt = M.llt().solve(J.transpose());
-    Matrix6 W;
-    W.noalias() = J * M_inv_Jt;
-    W.diagonal().array() += kLeastMobility;
-    mobility.compute(W);
-    v.noalias() = J * cycle.dq;
+Vector6 stiffness(const CartesianImpedance::Parameters& parameters) {
+  Vector6 K;
+  K << parameters.translational_stiffness, parameters.rotational_stiffness;
+  return K;
+}
 
-    // I - M^-1 J^T Lambda J = n n^T M / (n^T M n), of which any column but a small one gives n. The
-    // diagonal sums to 1.
-    const Matrix67 Lambda_J = mobility.solve(J);
-    int column = 0;
-    (M_inv_Jt.array() * Lambda_J.transpose().array()).rowwise().sum().minCoeff(&column);
-    n.noalias() = -M_inv_Jt * Lambda_J.col(column);
-    n[column] += 1;
-    n.normalize();
-    M_n.noalias() = M * n;
-    n_M_n = n.dot(M_n);
+void check(const Vector6& stiffness) {
+  for (int i = 0; i < 3; ++i) {
+    require_within("translational_stiffness", i, stiffness[i], 0, 3000, "N/m");
+    require_within("rotational_stiffness", i, stiffness[3 + i], 0, 300, "N m/rad");
   }
-
-  Vector6 Lambda(const Vector6& a) const { return mobility.solve(a); }
-};
+}
 
 Vector6 to_reference(const Cycle& cycle, const CartesianReference& reference) {
   Vector6 e;
@@ -72,59 +55,120 @@ Vector3 shortened(const Vector3& x, double length) {
   return norm > length ? Vector3(x * (length / norm)) : x;
 }
 
-// D x with D = 2 zeta C^-T sqrt(C^T K C) C^-1 and Lambda = C^-T C^-1: with x = C y the law
-// Lambda x'' + D x' + K x = 0 falls into modes, each of that damping ratio.
-Vector6 damping_force(const Eigen::LLT<Matrix6>& mobility, const Vector6& stiffness, double ratio, const Vector6& x) {
-  const Matrix6 C = mobility.matrixL();
-  Matrix6 B;
-  B.noalias() = C.transpose() * stiffness.asDiagonal() * C;
-  const Eigen::SelfAdjointEigenSolver<Matrix6> modes(B);
-  Vector6 y = x;
-  mobility.matrixL().solveInPlace(y);
-  y = modes.eigenvectors().transpose() * y;
-  y.array() *= (2 * ratio * modes.eigenvalues().cwiseMax(0).cwiseSqrt().array()).min(kFastestDamping);
-  y = modes.eigenvectors() * y;
-  mobility.matrixU().solveInPlace(y);
-  return y;
-}
-
-// The part of the law that does not come from stiffness.
-Vector6 other_force(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference,
-                    const Vector6& stiffness, double ratio) {
-  return damping_force(arm.mobility, stiffness, ratio, reference.velocity - arm.v) +
-         arm.Lambda(reference.acceleration - cycle.model.dJ_dq());
-}
-
 double nullspace_damping(double stiffness, double inertia) {
   return 2 * std::sqrt(std::max(stiffness, kLeastNullspaceDamping) * inertia);
 }
 
 }  // namespace
 
-CartesianImpedance::CartesianImpedance(const Parameters& parameters)
-    : damping_ratio_(parameters.damping_ratio), nullspace_stiffness_(parameters.nullspace_stiffness) {
-  for (int i = 0; i < 3; ++i) {
-    require_within("translational_stiffness", i, parameters.translational_stiffness[i], 0, 3000, "N/m");
-    require_within("rotational_stiffness", i, parameters.rotational_stiffness[i], 0, 300, "N m/rad");
+// The arm as seen from EE in one cycle.
+struct CartesianImpedance::Dynamics {
+  Matrix76 M_inv_Jt;
+  Cholesky<6> mobility;  // inverse of Lambda
+  Vector6 v;             // of EE
+  Vector7 n, M_n;        // the joint motion that leaves EE at rest, |n| = 1, and M n
+  double n_M_n;          // its inertia, kg m²
+
+  explicit Dynamics(const Cycle& cycle)
+      : M_inv_Jt(Cholesky<7>(cycle.model.mass()).solve<6>(cycle.model.jacobian().transpose())),
+        mobility(matrix(cycle)),
+        v(cycle.model.jacobian() * cycle.dq) {}
+
+  // Finds n from a column of I - M^-1 J^T Lambda J = n n^T M / (n^T M n), whose diagonal sums to 1. The joint whose column
+  // has the most on it.
+  int find_null_motion(const Cycle& cycle, int column) noexcept {
+    n.noalias() = -M_inv_Jt * mobility.solve<1>(cycle.model.jacobian().col(column));
+    n[column] += 1;
+    n.normalize();
+    M_n.noalias() = cycle.model.mass() * n;
+    n_M_n = n.dot(M_n);
+    int most = 0;
+    n.cwiseProduct(M_n).maxCoeff(&most);
+    return most;
   }
+
+  Vector6 Lambda(const Vector6& a) const { return mobility.solve(a); }
+
+ private:
+  Matrix6 matrix(const Cycle& cycle) const noexcept {
+    Matrix6 W = cycle.model.jacobian().lazyProduct(M_inv_Jt);
+    W.diagonal().array() += kLeastMobility;
+    return W;
+  }
+};
+
+Vector6 CartesianImpedance::in_frame(const Cycle& cycle, const Vector6& v) const noexcept {
+  Vector6 out;
+  if (frame_ == Frame::kBase) {
+    out << axes_.transpose() * v.head<3>(), axes_.transpose() * v.tail<3>();
+  } else {
+    const Eigen::Matrix3d R = cycle.O_T_EE.linear() * axes_;
+    out << R.transpose() * v.head<3>(), R.transpose() * v.tail<3>();
+  }
+  return out;
+}
+
+Vector6 CartesianImpedance::in_base(const Cycle& cycle, const Vector6& v) const noexcept {
+  Vector6 out;
+  out << axes_ * v.head<3>(), axes_ * v.tail<3>();
+  if (frame_ == Frame::kEndEffector) {
+    out.head<3>() = cycle.O_T_EE.linear() * out.head<3>().eval();
+    out.tail<3>() = cycle.O_T_EE.linear() * out.tail<3>().eval();
+  }
+  return out;
+}
+
+// D = 2 zeta C^-T sqrt(C^T K C) C^-1 with Lambda = C^-T C^-1: with x = C y the law Lambda x'' + D x' + K x = 0 falls
+// into modes, each of that damping ratio.
+void CartesianImpedance::find_modes(const Cycle& cycle, const Dynamics& arm) noexcept {
+  const Matrix6& C = arm.mobility.L();
+  Matrix6 K_C;
+  for (int i = 0; i < 6; ++i) K_C.col(i) = in_base(cycle, stiffness_.now().cwiseProduct(in_frame(cycle, C.col(i))));
+  const SymmetricEigen<6> modes(C.transpose().lazyProduct(K_C));
+  modes_ = modes.vectors;
+  mode_damping_ = (2 * damping_ratio_ * modes.values.cwiseMax(0).cwiseSqrt()).cwiseMin(kFastestDamping);
+  modes_age_ = 0;
+}
+
+Vector6 CartesianImpedance::damping_force(const Dynamics& arm, const Vector6& velocity_error) const noexcept {
+  const Vector6 y = mode_damping_.cwiseProduct(modes_.transpose() * arm.mobility.solve_L(velocity_error));
+  return arm.mobility.solve_Lt(modes_ * y);
+}
+
+// The part of the law that does not come from stiffness.
+Vector6 CartesianImpedance::other_force(const Cycle& cycle, const Dynamics& arm,
+                                        const CartesianReference& reference) const noexcept {
+  return damping_force(arm, reference.velocity - arm.v) + arm.Lambda(reference.acceleration - cycle.model.dJ_dq());
+}
+
+CartesianImpedance::CartesianImpedance(const Parameters& parameters)
+    : stiffness_(stiffness(parameters), parameters.topic, "CartesianImpedanceSensorMessage", kFirst, check),
+      frame_(parameters.frame),
+      axes_(parameters.axes),
+      damping_ratio_(parameters.damping_ratio),
+      nullspace_stiffness_(parameters.nullspace_stiffness) {
   require_within("damping_ratio", -1, damping_ratio_, 0, 3, "");
   require_within("nullspace_stiffness", -1, nullspace_stiffness_, 0, 100, "N m/rad");
-  stiffness_ << parameters.translational_stiffness, parameters.rotational_stiffness;
 }
 
 void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
-  const Dynamics arm(cycle);
+  Dynamics arm(cycle);
+  // Of a joint that hardly moves there the column is little more than rounding: then the one after it tells.
+  for (int i = 0; i < 2; ++i) null_column_ = arm.find_null_motion(cycle, null_column_);
+  find_modes(cycle, arm);
   CartesianReference& pose = reference.cartesian;
 
   // The torque before falls into a force at EE and a torque on the null space, as the law's own does.
   const Vector7 tau = cycle.tau_J_d - cycle.model.coriolis();
   const Vector6 force = arm.Lambda(arm.M_inv_Jt.transpose() * tau);
-  const Vector6 spring = force - other_force(cycle, arm, pose, stiffness_, damping_ratio_);
+  const Vector6 spring = force - other_force(cycle, arm, pose);
   const Vector6 e = to_reference(cycle, pose);
+  const Vector6 spring_in_frame = in_frame(cycle, spring), e_in_frame = in_frame(cycle, e);
   Vector6 shift = Vector6::Zero();
   for (int i = 0; i < 6; ++i) {
-    if (stiffness_[i] > 0) shift[i] = spring[i] / stiffness_[i] - e[i];
+    if (stiffness_.now()[i] > 0) shift[i] = spring_in_frame[i] / stiffness_.now()[i] - e_in_frame[i];
   }
+  shift = in_base(cycle, shift);
   pose.position += shortened(shift.head<3>(), kMaxShift);
   pose.orientation =
       (exp(e.tail<3>() + shortened(shift.tail<3>(), kMaxTurn)) * Eigen::Quaterniond(cycle.O_T_EE.linear()))
@@ -138,10 +182,13 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
 }
 
 void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
-  const Dynamics arm(cycle);
+  stiffness_.step();
+  Dynamics arm(cycle);
+  null_column_ = arm.find_null_motion(cycle, null_column_);
+  if (++modes_age_ >= kModesAge) find_modes(cycle, arm);
   const CartesianReference& pose = reference.cartesian;
-  const Vector6 force =
-      stiffness_.cwiseProduct(to_reference(cycle, pose)) + other_force(cycle, arm, pose, stiffness_, damping_ratio_);
+  const Vector6 spring = in_base(cycle, stiffness_.now().cwiseProduct(in_frame(cycle, to_reference(cycle, pose))));
+  const Vector6 force = spring + other_force(cycle, arm, pose);
   const double pull = nullspace_stiffness_ * arm.n.dot(posture_ - cycle.q) -
                       nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
   tau_J_d.noalias() = cycle.model.jacobian().transpose() * force;

@@ -1,6 +1,10 @@
 #pragma once
 
+#include <optional>
+#include <string>
+
 #include "realtime/controllers/controller.hpp"
+#include "realtime/controllers/gain_stream.hpp"
 
 namespace realtime {
 
@@ -15,20 +19,27 @@ namespace realtime {
 // rotation to it, right up to 180°. Lambda = (J M^-1 J^T)^-1. D is designed with it, so that each mode of
 // Lambda, D, K has the damping ratio (less where the delay of the loop does not allow it). tau_null holds
 // the motion of the elbow that leaves EE at rest to the posture at the start, critically damped, and does
-// not accelerate EE. Lambda counts the links alone: the inertia of the motors makes the arm less damped
-// than asked.
+// not accelerate EE. The modes change slowly and are found anew every few cycles. Lambda counts the links
+// alone: the inertia of the motors makes the arm less damped than asked. A topic sets the stiffness anew while it runs
+// (CartesianImpedanceSensorMessage).
 class CartesianImpedance : public Controller {
  public:
+  enum class Frame { kBase, kEndEffector };
+
   struct Parameters {
-    Vector3 translational_stiffness;  // N/m, 0 to 3000, along the axes of O
-    Vector3 rotational_stiffness;     // N m/rad, 0 to 300, about the axes of O
+    Vector3 translational_stiffness;  // N/m, 0 to 3000, along the axes of the frame
+    Vector3 rotational_stiffness;     // N m/rad, 0 to 300, about the axes of the frame
     double damping_ratio;             // 0 to 3
     double nullspace_stiffness;       // N m/rad, 0 to 100
+    Frame frame = Frame::kBase;       // EE: its measured axes, turning with it
+    Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();  // columns, in that frame: what stiffness is along and about
+    std::optional<std::string> topic = {};
   };
 
   // Throws std::invalid_argument naming field, value and bound.
   explicit CartesianImpedance(const Parameters& parameters);
 
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return stiffness_.inputs(); }
   bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
   robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
 
@@ -36,9 +47,26 @@ class CartesianImpedance : public Controller {
   void start(const Cycle& cycle, Reference& reference) noexcept override;
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;
 
+  // Between the axes of O and those of the stiffness.
+  Vector6 in_frame(const Cycle& cycle, const Vector6& v) const noexcept;
+  Vector6 in_base(const Cycle& cycle, const Vector6& v) const noexcept;
+
  private:
-  Vector6 stiffness_;
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
+  struct Dynamics;
+
+  void find_modes(const Cycle& cycle, const Dynamics& arm) noexcept;
+  Vector6 damping_force(const Dynamics& arm, const Vector6& velocity_error) const noexcept;
+  Vector6 other_force(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference) const noexcept;
+
+  GainStream<6> stiffness_;
+  Frame frame_;
+  Eigen::Matrix3d axes_;
   double damping_ratio_, nullspace_stiffness_;
+  Matrix6 modes_;         // as columns, in coordinates in which Lambda is the identity
+  Vector6 mode_damping_;  // 1/s
+  int modes_age_ = 0;     // cycles
+  int null_column_ = 2;   // joint
   Vector7 posture_ = Vector7::Zero();  // rad, for the null space
 };
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "realtime/cycle.hpp"
+#include "realtime/part.hpp"
 #include "robot/mode.hpp"
 
 namespace realtime {
@@ -8,22 +9,26 @@ namespace realtime {
 // Turns references into torques, or hands them on to the robot's own controllers. A kind is one file
 // of this folder: constructed in the server room from its message of wire/proto/controllers.proto,
 // where it may throw; the rest runs in the loop.
-class Controller {
+class Controller : public Part {
  public:
-  virtual ~Controller() = default;
-
   virtual bool accepts(ReferenceKind kind) const noexcept = 0;
+  // Whether it exerts what a trajectory asks for beside its motion.
+  virtual bool exerts(Effort effort) const noexcept { return effort == Effort::kNone; }
+
+  // Whether it leads the arm to the reference. One that does not is for torque alone; it never holds an arm, and what comes
+  // after begins from where the arm is.
+  virtual bool tracks() const noexcept { return true; }
 
   // The robot controller that runs it for references of that kind, and what the robot must be set to.
   virtual robot::Mode mode(ReferenceKind kind) const noexcept = 0;
   virtual robot::Settings settings() const noexcept { return {}; }
 
-  // Takes over. When the law before it asked for cycle.tau_J_d, `reference` is moved so that this law
-  // asks for the same torque from it (torque control only; velocity and acceleration stay).
+  // Takes over. When the law before it asked for cycle.tau_J_d, a law with a spring moves `reference` so that it asks for
+  // the same torque from there (torque control only; velocity and acceleration stay). A difference that is left fades away.
   virtual void start(const Cycle& cycle, Reference& reference) noexcept = 0;
 
-  // Torque for this cycle, N m, without gravity, which the robot compensates. Not called where the
-  // robot's own controller tracks the reference.
+  // Torque for this cycle, N m, without gravity, which the robot compensates. Not called where the robot's own controller
+  // tracks the reference; after start() called twice in that cycle.
   virtual void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept = 0;
 };
 

@@ -1,40 +1,96 @@
 #include "realtime/controllers/joint_impedance.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
+#include "realtime/cholesky.hpp"
+#include "realtime/controllers/joint_inertia.hpp"
+#include "realtime/symmetric_eigen.hpp"
 
 namespace realtime {
 namespace {
 
 // rad; what a soft joint would need beyond this is left to the torque limiter.
 constexpr double kMaxShift = 0.2;
+// 1/s: no mode is damped faster, as torque comes a cycle late.
+constexpr double kFastestDamping = 400;
+// Cycles after which the damping of a ratio is found anew.
+constexpr int kDampingAge = 16;
 
 }  // namespace
 
 JointImpedance::JointImpedance(const Parameters& parameters)
-    : stiffness_(parameters.stiffness), damping_(parameters.damping) {
+    : parameters_(parameters), damping_(parameters.damping.asDiagonal()) {
   for (int i = 0; i < models::kJoints; ++i) {
-    require_within("stiffness", i, stiffness_[i], 0, 3000, "N m/rad");
-    require_within("damping", i, damping_[i], 0, 200, "N m s/rad");
+    require_within("stiffness", i, parameters.stiffness[i], 0, 3000, "N m/rad");
+    require_within("damping", i, parameters.damping[i], 0, 200, "N m s/rad");
+  }
+  if (parameters.damping_ratio) require_within("damping_ratio", -1, *parameters.damping_ratio, 0.1, 3, "");
+  require_within("inertia_scale", -1, parameters.inertia_scale, 0.5, 4, "");
+  require_within("integral_rate", -1, parameters.integral_rate, 0, 10, "1/s");
+  require_within("integral_limit", -1, parameters.integral_limit, 0, 20, "N m");
+}
+
+JointImpedance::JointImpedance(const Parameters& parameters, const Matrix7& mass) : JointImpedance(parameters) {
+  const double s = parameters.inertia_scale;
+  if (parameters.damping_ratio) {
+    // Modes have their damping by themselves; what is left to ask is whether any does for this stiffness.
+    const Vector7 m = Cholesky<models::kJoints>(felt_inertia(mass)).inverse().diagonal().cwiseInverse();
+    require_holdable(parameters.stiffness / s, 500 * m, felt_inertia(mass));
+  } else {
+    require_holdable(parameters.stiffness / s, parameters.damping / s, felt_inertia(mass));
   }
 }
 
-void JointImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
-  Vector7 tau;
-  step(cycle, reference, tau);
+void JointImpedance::find_damping(const Matrix7& mass) noexcept {
+  const Cholesky<models::kJoints> inertia(parameters_.inertia_scale * felt_inertia(mass));
+  Matrix7 half;
   for (int i = 0; i < models::kJoints; ++i) {
-    if (stiffness_[i] == 0) continue;
-    const double shift = (cycle.tau_J_d[i] - tau[i]) / stiffness_[i];
+    half.col(i) = inertia.solve_L(std::sqrt(parameters_.stiffness[i]) * Vector7::Unit(i));
+  }
+  const SymmetricEigen<models::kJoints> modes(half.lazyProduct(half.transpose()));
+  const Vector7 rate =
+      (2 * *parameters_.damping_ratio * modes.values.cwiseMax(0).cwiseSqrt()).cwiseMin(kFastestDamping);
+  const Matrix7 root = inertia.L().lazyProduct(modes.vectors);
+  damping_ = root.lazyProduct(rate.asDiagonal() * root.transpose());
+  damping_age_ = 0;
+}
+
+void JointImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
+  integral_.setZero();
+  if (parameters_.damping_ratio) find_damping(cycle.model.mass());
+  Vector7 tau;
+  torque(cycle, reference.joint, tau);
+  for (int i = 0; i < models::kJoints; ++i) {
+    if (parameters_.stiffness[i] == 0) continue;
+    const double shift = (cycle.tau_J_d[i] - tau[i]) * parameters_.inertia_scale / parameters_.stiffness[i];
     reference.joint.q[i] += std::clamp(shift, -kMaxShift, kMaxShift);
   }
 }
 
 void JointImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
-  const JointReference& r = reference.joint;
-  tau_J_d.noalias() = cycle.model.mass() * r.ddq;
-  tau_J_d += stiffness_.cwiseProduct(r.q - cycle.q) + damping_.cwiseProduct(r.dq - cycle.dq) + cycle.model.coriolis();
+  if (parameters_.damping_ratio && ++damping_age_ >= kDampingAge) find_damping(cycle.model.mass());
+  if (parameters_.integral_rate > 0) {
+    const Vector7 e = reference.joint.q - cycle.q;
+    integral_ += parameters_.integral_rate * cycle.dt * parameters_.stiffness.cwiseProduct(e);
+    integral_ = integral_.cwiseMax(-parameters_.integral_limit).cwiseMin(parameters_.integral_limit);
+  }
+  torque(cycle, reference.joint, tau_J_d);
+}
+
+void JointImpedance::torque(const Cycle& cycle, const JointReference& r, Vector7& tau_J_d) noexcept {
+  const Parameters& p = parameters_;
+  tau_J_d = p.stiffness.cwiseProduct(r.q - cycle.q) + integral_;
+  tau_J_d.noalias() += damping_ * (r.dq - cycle.dq);
+  if (p.inertia_scale != 1) {
+    const Vector7 tau_ext = Vector7::Map(cycle.state.tau_ext_hat_filtered.data());
+    tau_J_d /= p.inertia_scale;
+    if (tau_ext.allFinite()) tau_J_d -= (1 / p.inertia_scale - 1) * tau_ext;
+  }
+  tau_J_d.noalias() += cycle.model.mass() * r.ddq;
+  tau_J_d += cycle.model.coriolis();
 }
 
 }  // namespace realtime

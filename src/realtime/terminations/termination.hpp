@@ -1,7 +1,9 @@
 #pragma once
 
 #include "realtime/cycle.hpp"
+#include "realtime/part.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
+#include "robot/mode.hpp"
 
 namespace realtime {
 
@@ -14,12 +16,13 @@ struct Progress {
 
 // Says when a skill ends. A kind is one file of this folder: constructed in the server room from its
 // message of wire/proto/terminations.proto, where it may throw; step() runs in the loop.
-class Termination {
+class Termination : public Part {
  public:
-  virtual ~Termination() = default;
-
   // Whether it can judge a trajectory of such references.
   virtual bool accepts(ReferenceKind) const noexcept { return true; }
+  // What the robot must be set to for it.
+  virtual robot::Settings settings() const noexcept { return {}; }
+
   virtual void start() noexcept {}
   virtual bool step(const Cycle& cycle, const Progress& progress) noexcept = 0;
 };

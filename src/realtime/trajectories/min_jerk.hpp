@@ -8,6 +8,11 @@
 
 namespace realtime {
 
+// Limits of joint i.
+inline models::Limits::Rates rates(const models::Limits& limits, int i) {
+  return {limits.dq_max[i], limits.ddq_max[i], limits.dddq_max[i]};
+}
+
 // Share of the arm's limits that a timed motion is stretched to.
 inline constexpr double kMotionShare = 0.94;
 

@@ -4,14 +4,6 @@
 #include "realtime/joint_range.hpp"
 
 namespace realtime {
-namespace {
-
-models::Limits::Rates rates(const models::Limits& limits, int i) {
-  return {limits.dq_max[i], limits.ddq_max[i], limits.dddq_max[i]};
-}
-
-}  // namespace
-
 MinJerkJoint::MinJerkJoint(double duration, const models::Limits& limits) : limits_(limits), asked_duration_(duration) {
   require_within("duration", -1, duration, 0.001, 3600, "s");
 }

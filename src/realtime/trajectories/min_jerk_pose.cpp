@@ -1,16 +1,10 @@
 #include "realtime/trajectories/min_jerk_pose.hpp"
 
-#include <string>
-
 #include "realtime/check.hpp"
 #include "realtime/rotation.hpp"
+#include "realtime/trajectories/pose_difference.hpp"
 
 namespace realtime {
-
-Eigen::Quaterniond require_rotation(const char* field, const Eigen::Quaterniond& q) {
-  require_within(std::string("norm of ") + field, -1, q.norm(), 0.999, 1.001, "");
-  return q.normalized();
-}
 
 MinJerkPose::MinJerkPose(double duration, const models::Limits& limits) : limits_(limits), asked_duration_(duration) {
   goal_.kind = ReferenceKind::kCartesian;

@@ -43,7 +43,4 @@ class MinJerkPose : public TrajectoryGenerator {
   MinJerk<3> translation_, rotation_;
 };
 
-// The quaternion of that field with norm 1; throws std::invalid_argument if it is not one.
-Eigen::Quaterniond require_rotation(const char* field, const Eigen::Quaterniond& q);
-
 }  // namespace realtime

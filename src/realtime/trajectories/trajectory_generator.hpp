@@ -1,5 +1,6 @@
 #pragma once
 
+#include "realtime/part.hpp"
 #include "realtime/reference.hpp"
 
 namespace realtime {
@@ -7,11 +8,10 @@ namespace realtime {
 // Emits the reference of a skill, cycle by cycle. A kind is one file of this folder: constructed in
 // the server room from its message of wire/proto/trajectories.proto, where it may throw; the rest runs
 // in the loop.
-class TrajectoryGenerator {
+class TrajectoryGenerator : public Part {
  public:
-  virtual ~TrajectoryGenerator() = default;
-
   virtual ReferenceKind reference_kind() const noexcept = 0;
+  virtual Effort effort() const noexcept { return Effort::kNone; }
 
   // Begins at `from`, with its velocity and acceleration. A motion too fast for the limits of the arm
   // is stretched here.

@@ -1,4 +1,4 @@
-"""franky-control 2.0.0 (libfranka 0.21.2, protocol 10): `franky_client.py ADDRESS`."""
+"""franky-control 2.0.0 (libfranka 0.21.2, protocol 10) or 1.1.0 (0.15.0, protocol 9): `franky_client.py ADDRESS`."""
 
 import sys
 import time
@@ -8,7 +8,8 @@ import report
 
 ADDRESS = sys.argv[1]
 robot = franky.Robot(ADDRESS, realtime_config=franky.RealtimeConfig.Ignore)
-robot.relative_dynamics_factor = 0.2
+FACTOR = 0.2  # of franky's limits
+robot.relative_dynamics_factor = FACTOR
 robot.recover_from_errors()
 
 
@@ -96,18 +97,73 @@ def cancel():
     report.expect("joint", joints()[report.JOINT], start[report.JOINT], 0.01)
 
 
+def reaction():
+    """A motion that ends when something happens: time passes, the floor is met."""
+
+    def down(way):
+        return franky.CartesianMotion(franky.Affine([0, 0, way]), franky.ReferenceType.Relative)
+
+    start = joints()
+    motion = franky.JointMotion(report.joint_position(start, report.TIME))
+    motion.add_reaction(franky.JointPositionReaction(franky.Measure.REL_TIME > 0.1, franky.JointStopMotion()))
+    robot.move(motion)
+    if not 0.001 < joints()[report.JOINT] - start[report.JOINT] < 0.8 * report.ANGLE:
+        raise AssertionError("the arm did not stop on its way")
+    robot.move(franky.JointMotion(start))
+
+    robot.set_collision_behavior(80.0, 80.0)
+    robot.move(franky.JointMotion([0.0, 0.1, 0.0, -2.2, 0.0, 2.3, start[6]]))  # farther out
+    robot.move(down(tool()[14] - 0.02))  # the tool's z points down
+    robot.relative_dynamics_factor = 0.01
+    motion = down(0.04)
+    motion.add_reaction(franky.CartesianPoseReaction(franky.Measure.FORCE_Z < -8.0, franky.CartesianStopMotion()))
+    robot.move(motion)
+    report.expect("height over the floor", tool()[14], 0.0, 0.02)
+    robot.relative_dynamics_factor = FACTOR
+    robot.move(franky.JointMotion(start))
+
+
+def recovery():
+    """A reflex, by a motion faster than the joints may be, and on from there."""
+    start = joints()
+    robot.relative_dynamics_factor = 1.0
+    try:
+        robot.move(franky.CartesianMotion(franky.Affine([0, 0.3, 0]), franky.ReferenceType.Relative))
+    except franky.ControlException as error:
+        if "reflex" not in str(error):
+            raise
+    else:
+        raise AssertionError("joints were faster than they may")
+    finally:
+        robot.relative_dynamics_factor = FACTOR
+    if not robot.has_errors:
+        raise AssertionError("the robot has no errors after a reflex")
+    robot.recover_from_errors()
+    if robot.has_errors:
+        raise AssertionError("errors after recovery")
+    robot.move(franky.JointMotion(start))
+    for i, (q, wanted) in enumerate(zip(joints(), start, strict=True)):
+        report.expect(f"joint {i + 1}", q, wanted, 0.01)
+
+
+def guiding():
+    robot.set_guiding_mode([True, True, True, False, False, False], False)
+
+
+def model():
+    gravity = robot.model.gravity(robot.state)
+    for i in range(7):
+        report.expect(f"gravity on joint {i + 1}", gravity[i], robot.state.tau_J[i], 0.5)
+    if "joint7" not in robot.model_urdf:
+        raise AssertionError("the arm's URDF has no joint7")
+
+
 def torque():
     start = joints()
     robot.move(franky.JointImpedanceMotion(report.joint_position(start, report.TIME)), asynchronous=True)
     time.sleep(1.5)
     robot.move(franky.TorqueStopMotion())
     report.expect("joint", joints()[report.JOINT] - start[report.JOINT], report.ANGLE, 0.05)
-
-
-def recovery():
-    robot.recover_from_errors()
-    if robot.has_errors:
-        raise AssertionError("errors after recovery")
 
 
 def gripper():
@@ -124,6 +180,8 @@ def gripper():
 
 report.run(
     [
+        ("model", model),
+        ("guiding", guiding),
         ("joint motion", joint_motion),
         ("joint waypoints", joint_waypoints),
         ("joint velocity", joint_velocity),
@@ -132,8 +190,10 @@ report.run(
         ("joint impedance setter", impedance),
         ("stop motion", stop),
         ("cancel", cancel),
-        ("torque", torque),
-        ("recovery", recovery),
+        *([("torque", torque)] if hasattr(franky, "JointImpedanceMotion") else []),  # not yet in 1.1.0
+        ("reaction", reaction),
+        ("reflex and recovery", recovery),
         ("gripper", gripper),
-    ]
+    ],
+    robot.recover_from_errors,
 )

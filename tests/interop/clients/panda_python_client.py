@@ -207,5 +207,6 @@ report.run(
         ("reflex and recovery", reflex_and_recovery),
         ("gripper", gripper),
         ("gripper stop", gripper_stop),
-    ]
+    ],
+    robot.automatic_error_recovery,
 )

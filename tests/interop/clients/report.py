@@ -3,7 +3,9 @@
 They run in the environments of their peers, so this needs NumPy and nothing else.
 """
 
+import contextlib
 import math
+import re
 import sys
 from collections.abc import Callable
 
@@ -13,6 +15,9 @@ TIME = 1.0  # s of a motion
 JOINT = 6  # the joint that moves
 ANGLE = 0.1  # rad
 DISTANCE = 0.05  # m
+ATTEMPTS = 5
+TOOL = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0, 0.01, -0.02, 0.05, 1.0]  # a frame, column-major
+LOAD = (0.4, [0.01, 0.02, 0.05], [0.001, 0, 0, 0, 0.002, 0, 0, 0, 0.001])  # kg, m, kg m²
 
 
 def profile(t: float) -> tuple[float, float]:
@@ -77,15 +82,31 @@ def expect_raised(start: list[float], end: list[float], tolerance: float = 0.003
     expect("turn", angle, 0.0, 0.01)
 
 
-def run(capabilities: list[tuple[str, Callable[[], None]]]) -> None:
-    """Try each capability; one line `name <tab> OK or FAIL <tab> why` for each."""
+def was_late(why: str) -> bool:
+    """Whether the robot lost commands, as it does when this computer, without a real-time kernel, keeps a client waiting.
+
+    libfranka tells the share of the last 100 that arrived with each motion that a reflex ends.
+    """
+    rate = re.search(r"control_command_success_rate: ([\d.]+)", why)
+    stood_still = "UDP receive: Timeout" in why  # for a second, all of it
+    lost = rate is not None and float(rate[1].rstrip(".")) < 1
+    return "communication_constraints_violation" in why or stood_still or lost
+
+
+def run(capabilities: list[tuple[str, Callable[[], None]]], recover: Callable[[], None]) -> None:
+    """Try each capability, again when the client was late; one line `name <tab> OK or FAIL <tab> why` for each."""
     failed = False
     for name, attempt in capabilities:
-        try:
-            attempt()
-            print(name, "OK", "", sep="\t", flush=True)
-        except Exception as error:  # noqa: BLE001 - whatever a peer throws is a result
-            failed = True
-            why = " ".join(f"{type(error).__name__}: {error}".split())
-            print(name, "FAIL", why, sep="\t", flush=True)
+        for _ in range(ATTEMPTS):
+            verdict, why = "OK", ""
+            try:
+                attempt()
+            except Exception as error:  # noqa: BLE001 - whatever a peer throws is a result
+                verdict, why = "FAIL", " ".join(f"{type(error).__name__}: {error}".split())
+                with contextlib.suppress(Exception):  # the next attempt will tell
+                    recover()
+            if not was_late(why):
+                break
+        failed |= verdict != "OK"
+        print(name, verdict, why, sep="\t", flush=True)
     sys.exit(failed)

@@ -1,0 +1,91 @@
+"""Every trajectory with every controller in every robot controller, on both models in lockstep.
+
+What the rule allows is run and compared with what the simulated arm really did; what it does not allow is to be refused.
+Tables, rule and comparison are those of tests/python/test_parts.py, so that a new kind comes in by its line there.
+  combinations_run      that moved both arms as told
+  combinations_wrong    that did not, on either, and what was taken or refused against the rule
+build/combinations.md says of each whether it runs, or why it is refused.
+"""
+
+import json
+import logging
+import sys
+import tempfile
+from pathlib import Path
+
+from frankapy import FrankaArmArgumentError
+from frankapy.sim import SimulatedArm, Simulation
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY / "tests" / "python"))
+import conftest  # noqa: E402
+import test_parts as table  # noqa: E402
+
+OUTPUT = REPOSITORY / "build" / "combinations.md"
+RUNS = "runs"
+
+
+def outcomes(robot: str) -> dict[tuple[str, str, str], str]:
+    """Try them all on one arm; return by trajectory, controller and robot controller what came of it."""
+    of: dict[tuple[str, str, str], str] = {}
+    combinations = [each for each in table.COMBINATIONS if each[2] != "auto"]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Simulation(SimulatedArm(robot=robot, lockstep=True, ideal=True)) as simulation,
+    ):
+        arm = conftest.Arm(simulation, Path(folder) / "truth.npy")
+        with arm.client() as fa:
+            for each in combinations:
+                trajectory, controller, robot_controller = each
+                if not table.fits(*each):
+                    goal = fa.get_pose(include_tool_offset=False)
+                    part = table.JOINTS[trajectory]() if trajectory in table.JOINTS else table.POSES[trajectory](goal)
+                    try:
+                        fa.run(part, table.CONTROLLERS[controller](), robot_controller=robot_controller)
+                        of[each] = "WRONG: runs against the rule"
+                    except FrankaArmArgumentError as error:
+                        of[each] = str(error)
+            for each in combinations:
+                if not table.fits(*each):
+                    continue
+                try:
+                    table.moves_as_told(arm, fa, *each)
+                    of[each] = RUNS
+                except Exception as error:  # noqa: BLE001
+                    of[each] = f"WRONG: {' '.join(str(error).split())[:200]}"
+                    print(f"{robot} {each}: {of[each]}", file=sys.stderr, flush=True)
+    return of
+
+
+def write(of: dict[str, dict[tuple[str, str, str], str]]) -> None:
+    """Write the table; one line for each trajectory with each controller."""
+    lines = ["# Combinations", "", "Trajectory, controller: the robot controllers in which it runs, and why not in others.", ""]
+    lines += ["| trajectory | controller | runs in | refused |", "|---|---|---|---|"]
+    first = next(iter(of.values()))
+    for trajectory, controller in dict.fromkeys(each[:2] for each in first):
+        runs, refused = [], {}
+        for each in first:
+            if each[:2] != (trajectory, controller):
+                continue
+            texts = {texts[each] for texts in of.values()}
+            if texts == {RUNS}:
+                runs.append(each[2])
+            else:
+                refused.setdefault("; ".join(sorted(texts)), []).append(each[2])
+        why = "<br>".join(f"{', '.join(names)}: {text}" for text, names in refused.items())
+        lines.append(f"| {trajectory} | {controller} | {', '.join(runs)} | {why.replace('|', '/')} |")
+    OUTPUT.write_text("\n".join(lines) + "\n")
+
+
+def main() -> None:
+    logging.getLogger("frankapy").setLevel(logging.ERROR)
+    of = {robot: outcomes(robot) for robot in ("fer", "fr3")}
+    write(of)
+    both = [tuple(texts[each] for texts in of.values()) for each in next(iter(of.values()))]
+    wrong = [texts for texts in both if any(text.startswith("WRONG") for text in texts)]
+    entries = {"combinations_run": both.count((RUNS, RUNS)), "combinations_wrong": len(wrong)}
+    print(json.dumps(entries))
+
+
+if __name__ == "__main__":
+    main()

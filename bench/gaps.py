@@ -1,0 +1,145 @@
+"""Cycles that get no command between skills, seen from the wire: a relay between server and simulated arm counts.
+
+  gap_same_cycles              at most, from skill to skill on one robot controller, and inside of skills
+  gap_switch_cycles            at most, from one robot controller to another: all ordered pairs of the nine, three times,
+                               from rest with the settings in force; both in lockstep
+  gap_switch_realtime_share    of as many switches in real time, those of one cycle
+  gap_switch_cycles_libfranka  the same between joint positions and torques of pylibfranka 0.21.3, the median
+"""
+
+import contextlib
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from frankapy import FrankaArm, FrankaConstants
+from frankapy.parts import (
+    CartesianImpedance,
+    InternalImpedance,
+    JointImpedance,
+    MinJerkJoint,
+    RelativeMinJerkJoint,
+    StayPose,
+)
+from frankapy.sim import program
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY / "tests" / "interop"))
+from peer import environment, simulated_arm  # noqa: E402
+from wire_tap import WireTap  # noqa: E402
+
+ROUNDS = 3
+HOLD = 600  # s, so that no motion ends by itself
+KINDS = {
+    "torque": ("joints", JointImpedance()),
+    "joint_position": ("joints", InternalImpedance()),
+    "joint_velocity": ("joints", InternalImpedance()),
+    "cartesian_pose": ("pose", InternalImpedance()),
+    "cartesian_velocity": ("pose", InternalImpedance()),
+    "torque_and_joint_position": ("joints", JointImpedance()),
+    "torque_and_joint_velocity": ("joints", JointImpedance()),
+    "torque_and_cartesian_pose": ("pose", CartesianImpedance()),
+    "torque_and_cartesian_velocity": ("pose", CartesianImpedance()),
+}
+LIBFRANKA = """
+import sys
+import pylibfranka as franka
+
+robot = franka.Robot(sys.argv[1], franka.RealtimeConfig.kIgnore)
+for i in range(20):
+    torque = i % 2
+    start = robot.start_torque_control if torque else robot.start_joint_position_control
+    control = start() if torque else start(franka.ControllerMode.JointImpedance)
+    for k in range(50):
+        state, _ = control.readOnce()
+        q = state.q_d
+        command = franka.Torques([0.0] * 7) if torque else franka.JointPositions(q)
+        command.motion_finished = k == 49
+        control.writeOnce(command)
+"""
+
+
+@contextlib.contextmanager
+def arm_and_tap(lockstep: bool) -> Iterator[WireTap]:
+    # In lockstep time between motions is the wall's: slow enough for whatever this computer does besides.
+    with simulated_arm(program("fci-sim"), "--ideal", *["--lockstep", "--speed", "0.1"] * lockstep) as address:
+        yield WireTap(address)
+
+
+@contextlib.contextmanager
+def server(address: str) -> Iterator[str]:
+    with tempfile.TemporaryDirectory() as folder:
+        config = Path(folder) / "arms.toml"
+        config.write_text(f'[[arm]]\nname = "arm"\naddress = "{address}"\nhold_time = {HOLD}\ngripper = false\n')
+        command = [program("franka-interface"), "--config", config, "--port", "0"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+            try:
+                yield process.stdout.readline().split("tcp://")[1].strip()
+            finally:
+                process.terminate()
+
+
+def every_pair() -> list[str]:
+    """Return a walk from robot controller to robot controller that takes each ordered pair once."""
+    ways = {name: [other for other in KINDS if other != name] for name in KINDS}
+    walk, stack = [], [next(iter(KINDS))]
+    while stack:  # Hierholzer
+        if ways[stack[-1]]:
+            stack.append(ways[stack[-1]].pop())
+        else:
+            walk.append(stack.pop())
+    return walk
+
+
+def switch(fa: FrankaArm, names: list[str]) -> None:
+    for begin in range(0, len(names), 30):
+        with fa.sequence():
+            for i, name in enumerate(names[begin : begin + 30]):
+                kind, controller = KINDS[name]
+                delta = np.full(7, 0.002 * (-1) ** i)
+                part = RelativeMinJerkJoint(delta, 0.05) if kind == "joints" else StayPose(0.05)
+                fa.run(part, controller, robot_controller=name)
+                fa.run(part, controller, robot_controller=name)  # the same again
+
+
+def ours(lockstep: bool) -> tuple[np.ndarray, np.ndarray]:
+    walk = every_pair()
+    with arm_and_tap(lockstep) as tap, server(tap.address) as where, FrankaArm(server=where, with_gripper=False) as fa:
+        fa.run(MinJerkJoint(FrankaConstants.HOME_JOINTS, 1))
+        fa.run(RelativeMinJerkJoint(np.zeros(7), 0.1), KINDS[walk[0]][1], robot_controller=walk[0])
+        for _ in range(ROUNDS):
+            switch(fa, walk[1:])
+        return tap.gaps()
+
+
+def libfranka() -> np.ndarray:
+    python = environment(REPOSITORY / "build", ["pylibfranka==0.21.3"])
+    with arm_and_tap(lockstep=True) as tap:
+        subprocess.run([python, "-c", LIBFRANKA, tap.address], check=True)
+        return tap.gaps()[1]
+
+
+def main() -> None:
+    same, switches = ours(lockstep=True)
+    _, paced = ours(lockstep=False)
+    theirs = libfranka()
+    for name, gaps in (("in lockstep", switches), ("in real time", paced), ("of libfranka", theirs)):
+        print(f"{len(gaps)} switches {name}: {np.unique(gaps, return_counts=True)} without a command", file=sys.stderr)
+    if len(switches) < 200 or len(paced) < 200 or len(theirs) < 15:
+        sys.exit("expected at least 200 switches of ours, and 15 of libfranka")
+    entries = {
+        "gap_same_cycles": int(same.max()),
+        "gap_switch_cycles": int(switches.max()),
+        "gap_switch_realtime_share": float(np.mean(paced == 1)),
+        "gap_switch_cycles_libfranka": float(np.median(theirs)),
+    }
+    print(json.dumps(entries))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""Recordings: whether all is in them, what they cost the loop and the disk, and how fast they are read.
+
+  log_lost                     states that came and are not in the recordings, in ten minutes of motion with all on
+  recording_overhead_p99       of the loop's computing time (p99), recording over not recording, by turns
+  log_mb_per_hour, _idle       moving under torque control; the robot holding itself
+  recording_read_rate          cycles a second, from a file into NumPy arrays
+  recording_kill_loss_ms       the most that a killed server's recording lacks at its end, of twenty
+"""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from frankapy import FrankaArm, FrankaConstants, proto
+from frankapy.recording import Recording
+from frankapy.sim import SimulatedArm, Simulation
+
+HOME = np.array(FrankaConstants.HOME_JOINTS)
+LONG = 600.0  # s
+TURN, TURNS = 15.0, 4  # s, of recording and of not
+KILLS = 20
+
+
+def move(fa: FrankaArm, seconds: float) -> None:
+    """Keep the arm in motion under torque control."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        fa.goto_joints(HOME + [0.2, 0.1, 0.1, 0.1, 0.1, 0.1, 0.2], 1.5, use_impedance=True, ignore_virtual_walls=True)
+        fa.goto_joints(HOME, 1.5, use_impedance=True)
+
+
+def overhead(fa: FrankaArm) -> float:
+    """Return the ratio of the p99 of computing, the median of several turns."""
+
+    def computing() -> float:
+        values = []
+        with fa.states() as states:
+            fa.goto_joints(HOME + 0.1, TURN, use_impedance=True, block=False, ignore_virtual_walls=True)
+            end = time.monotonic() + TURN
+            for state in states:
+                if state.phase == proto.RUNNING:
+                    values.append(state.compute_us)
+                if time.monotonic() > end:
+                    break
+        fa.wait_for_skill()
+        fa.goto_joints(HOME, 1)
+        return float(np.percentile(values, 99))
+
+    ratios = []
+    for _ in range(TURNS):
+        without = computing()
+        with fa.recording():
+            ratios.append(computing() / without)
+    print(f"computing, p99, recording over not: {np.round(ratios, 3)}", file=sys.stderr)
+    return float(np.median(ratios))
+
+
+def kill() -> float:
+    """Return what a killed server's recording lacks at its end, ms."""
+    with tempfile.TemporaryDirectory() as folder:
+        with Simulation(record="always", recordings=folder) as simulation:
+            time.sleep(random.uniform(0.5, 2.5))
+            supervisor = simulation.processes[-1]
+            children = subprocess.run(["pgrep", "-P", str(supervisor)], capture_output=True, text=True, check=True)
+            for process in (supervisor, *map(int, children.stdout.split())):
+                os.kill(process, signal.SIGKILL)
+            killed = time.time()
+        (path,) = Path(folder).glob("*/*.mcap")
+        recording = Recording(path)
+        return 1000 * (killed - recording.start - recording.states["time"][-1])
+
+
+def main() -> None:
+    entries: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        with Simulation(SimulatedArm(), recordings=folder) as simulation, FrankaArm(server=simulation.server) as fa:
+            fa.reset_joints(2)
+            entries["recording_overhead_p99"] = overhead(fa)
+            time.sleep(4)  # until the robot holds itself
+            with fa.recording() as status:
+                time.sleep(20)
+            idle = status()
+            entries["log_mb_per_hour_idle"] = idle.bytes / 1e6 / idle.time * 3600
+            with fa.recording() as status:
+                move(fa, LONG)
+            done = status()
+            entries["log_mb_per_hour"] = done.bytes / 1e6 / done.time * 3600
+            files = sorted(Path(folder).glob("*/*.mcap"))[-1:]
+        begin = time.perf_counter()
+        recording = Recording(files[0])
+        states = recording.states
+        entries["recording_read_rate"] = len(recording) / (time.perf_counter() - begin)
+        moving = ~((states["phase"][1:] == proto.READY) | (states["phase"][:-1] == proto.READY))
+        gaps = (np.diff(states["cycles"]) - 1)[moving]
+        entries["log_lost"] = float(gaps.sum() + done.lost)
+        print(f"{len(recording)} states in {files[0].stat().st_size / 1e6:.1f} MB", file=sys.stderr)
+    missing = [kill() for _ in range(KILLS)]
+    print(f"missing at the end of killed ones: {np.round(missing)} ms", file=sys.stderr)
+    entries["recording_kill_loss_ms"] = max(missing)
+    print(json.dumps(entries))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+// Takes the place of src/realtime/limiter.cpp and joint_barrier.cpp in a server that limits nothing: what bench/switches.py
+// has to find then. Each of their functions, so that the linker takes none from the library.
+
+#include "realtime/joint_barrier.hpp"
+#include "realtime/limiter.hpp"
+
+namespace realtime {
+
+struct Limiter::Impl {
+  Reference last;
+};
+
+Limiter::Limiter(const models::Limits&) : impl_(std::make_unique<Impl>()) {}
+Limiter::~Limiter() = default;
+
+void Limiter::reset(const Reference& from) noexcept { impl_->last = from; }
+void Limiter::joints_follow(const JointsOfPose&, const JointsOfPose&) noexcept {}
+Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept { return q; }
+
+bool Limiter::follow(const Reference& wanted, double, Reference& out) noexcept {
+  if (wanted.kind == impl_->last.kind) impl_->last = wanted;
+  out = impl_->last;
+  return false;
+}
+
+void Limiter::take_back() noexcept {}
+std::size_t Limiter::way_to_rest(std::span<Vector7> joints) noexcept { return joints[0] = impl_->last.joint.q, 1; }
+std::size_t Limiter::way_to_rest(std::span<Vector6> pose) const noexcept { return pose[0].setZero(), 1; }
+
+bool Limiter::brake(double, Reference& out) noexcept {
+  out = impl_->last = realtime::at_rest(impl_->last);
+  return true;
+}
+
+void Limiter::coast(double, Reference& out) noexcept { out = impl_->last; }
+bool Limiter::reconcile(const Reference&, double, Reference&) noexcept { return false; }
+bool Limiter::stuck() const noexcept { return false; }
+
+bool Limiter::at_rest() const noexcept {
+  const Reference& last = impl_->last;
+  return last.kind == ReferenceKind::kJoint ? last.joint.dq.isZero(1e-6) : last.cartesian.velocity.isZero(1e-6);
+}
+
+TorqueLimiter::TorqueLimiter(const models::Limits& limits) : tau_max_(Vector7::Map(limits.tau_max.data())) {}
+bool TorqueLimiter::limit(const Vector7& wanted, const Vector7&, double, Vector7& out) noexcept {
+  out = wanted;
+  return false;
+}
+
+JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {}
+bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vector7&, Vector7&) const noexcept { return false; }
+
+}  // namespace realtime

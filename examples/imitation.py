@@ -1,0 +1,22 @@
+"""Lead the arm by hand; it does it again, and then twice as fast. Start an arm first, a real one, or `frankapy sim`.
+
+Of a simulated arm, in another terminal, the hand is `frankapy.sim.ControlChannel(address).hand(positions, times)`.
+"""
+
+from frankapy import FrankaArm, dmp
+from frankapy.parts import InternalImpedance
+
+fa = FrankaArm()
+fa.reset_joints(duration=2)
+
+print("Lead the arm for 8 s.")
+motion = fa.demonstrate(8).trimmed().smooth()
+primitive = dmp.fit(motion, "joint")
+print(primitive)
+for line in primitive.beyond(fa):
+    print("the arm will be slower:", line)
+
+for duration in (motion.duration, motion.duration / 2):
+    fa.goto_joints(motion.joints[0], duration=2)
+    result = fa.run(primitive.part(duration), InternalImpedance())
+    print(f"asked for {duration:.1f} s, took {result.time:.1f} s")

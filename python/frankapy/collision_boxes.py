@@ -1,0 +1,100 @@
+"""The arm as twelve boxes, and whether they meet others: a quick check of the client's, with the published interface's boxes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from frankapy import kinematics
+from frankapy.exceptions import FrankaArmArgumentError
+from frankapy.rigid_transform import RigidTransform
+from frankapy.validation import vector
+
+# Figures of the public frankapy: sizes (m), the frame of kinematics.link_frames that carries each, and its pose there.
+SHAPES = np.array(
+    [
+        [0.23, 0.2, 0.1],
+        [0.13, 0.12, 0.1],
+        [0.12, 0.1, 0.2],
+        [0.15, 0.27, 0.11],
+        [0.12, 0.1, 0.2],
+        [0.13, 0.12, 0.25],
+        [0.13, 0.23, 0.15],
+        [0.12, 0.12, 0.4],
+        [0.12, 0.12, 0.25],
+        [0.13, 0.23, 0.12],
+        [0.12, 0.12, 0.2],
+        [0.08, 0.22, 0.17],
+    ]
+)
+LINKS = [1, 1, 1, 1, 1, 3, 4, 5, 5, 5, 7, 7]
+
+
+def _about(axis: str, degrees: float) -> np.ndarray:
+    return getattr(RigidTransform, f"{axis}_axis_rotation")(np.radians(degrees))
+
+
+def _poses() -> np.ndarray:
+    tilt = np.degrees(np.arctan2(0.58589793, 0.81038486))
+    places = [
+        (np.eye(3), [-0.04, 0, -0.283]),
+        (np.eye(3), [-0.009, 0, -0.183]),
+        (_about("x", tilt), [0, -0.032, -0.082]),
+        (np.eye(3), [-0.008, 0, 0]),
+        (_about("x", tilt), [0, 0.042, 0.067]),
+        (np.eye(3), [0.00687, 0, -0.139]),
+        (_about("x", -90), [-0.008, 0.004, 0]),
+        (_about("x", -10), [0.00422, 0.05367, -0.121]),
+        (np.eye(3), [0.00422, 0.00367, -0.263]),
+        (np.eye(3), [0.00328, 0.0176, -0.0055]),
+        (_about("x", 180), [-0.0136, 0.0092, 0.0083]),
+        (_about("z", -45), [0.0136, -0.0092, 0.1457]),
+    ]
+    poses = np.tile(np.eye(4), (12, 1, 1))
+    for pose, (rotation, translation) in zip(poses, places, strict=True):
+        pose[:3, :3], pose[:3, 3] = rotation, translation
+    return poses
+
+
+POSES = _poses()
+
+
+def rotation_from_rpy(angles: np.ndarray) -> np.ndarray:
+    """Return the matrix of roll, pitch, yaw (rad) about the fixed axes x, y, z, in this order."""
+    roll, pitch, yaw = np.degrees(angles)
+    return _about("z", yaw) @ _about("y", pitch) @ _about("x", roll)
+
+
+def poses_at(joints: np.ndarray) -> np.ndarray:
+    """Return the poses of the arm's boxes in the base at `joints` (rad, (7,)); (12, 4, 4)."""
+    return kinematics.link_frames(joints)[LINKS] @ POSES
+
+
+def as_box(box: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return pose (4, 4) and size (3,) of a box: centre x, y, z, roll, pitch, yaw about fixed axes, size; m, rad, (9,)."""
+    box = vector("box", box, 9)
+    if np.any(box[6:] < 0):
+        raise FrankaArmArgumentError(f"box has the size {box[6:]}: expected at least 0 m along each axis")
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_from_rpy(box[3:6])
+    pose[:3, 3] = box[:3]
+    return pose, box[6:]
+
+
+def meet(pose: np.ndarray, size: np.ndarray, other: np.ndarray, other_size: np.ndarray) -> bool:
+    """Return whether two boxes overlap: no plane along a face of one, or along an edge of each, lies between them.
+
+    Separating axes after Gottschalk, Lin and Manocha, "OBBTree", 1996.
+    """
+    A, B = pose[:3, :3], other[:3, :3]
+    crossed = np.cross(A.T[:, None, :], B.T[None, :, :]).reshape(9, 3)
+    axes = np.vstack([A.T, B.T, crossed[np.linalg.norm(crossed, axis=1) > 1e-9]])
+    reach = np.abs(axes @ A) @ (size / 2) + np.abs(axes @ B) @ (other_size / 2)
+    return bool(np.all(np.abs(axes @ (other[:3, 3] - pose[:3, 3])) <= reach))
+
+
+def arm_meets(box: Any, joints: np.ndarray) -> bool:
+    """Return whether the arm at `joints` (rad, (7,)) meets a box (see `as_box`)."""
+    pose, size = as_box(box)
+    return any(meet(pose, size, own, own_size) for own, own_size in zip(poses_at(joints), SHAPES, strict=True))

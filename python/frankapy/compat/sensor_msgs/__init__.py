@@ -1,0 +1,1 @@
+"""Messages that scripts for frankapy use."""

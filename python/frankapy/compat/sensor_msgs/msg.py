@@ -1,0 +1,5 @@
+"""The state of joints."""
+
+from frankapy.ros_messages import JointState
+
+__all__ = ["JointState"]

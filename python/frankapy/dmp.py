@@ -1,0 +1,476 @@
+"""Dynamic movement primitives learned from demonstrations (Ijspeert et al., Dynamical Movement Primitives, 2013).
+
+The laws are those of the server's JointDmp, PoseDmp and QuaternionPoseDmp, which follow what is learned here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from google.protobuf.message import Message
+
+from frankapy import proto
+from frankapy.demonstration import Demonstration, read_npz, unpickle, write_npz
+from frankapy.exceptions import FrankaArmArgumentError
+from frankapy.rigid_transform import RigidTransform
+from frankapy.validation import number, vector
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from frankapy.franka_arm import FrankaArm
+
+Kind = Literal["joint", "position", "pose"]
+_KINDS = ("joint", "position", "pose")
+_ALPHA = 200.0  # so stiff that what is asked of the spring is what it does
+_QUAT_ALPHA = 48.0
+_STEPS = 2000  # of a rollout: some hundredths of the spring's own time
+_SAMPLES = 1000  # of a demonstration that is fitted
+_WAYPOINTS = 40  # of a rollout that joints are found for
+_FORMAT = "frankapy primitive 1"
+KEYS = ("tau", "alpha", "beta", "num_basis", "num_sensors", "mu", "h", "weights")  # of the dictionaries of scripts
+Rollout = tuple[np.ndarray, np.ndarray]
+
+
+@dataclasses.dataclass
+class Primitive:
+    """A learned motion of joints, of the tool's position, or of its pose.
+
+    It begins where the arm is; `part` makes of it what `fa.run` takes, with another length, goal, or weights of sensors.
+    `rms` says how far it is from what it was learned from (rad, or m), `rms_angle` of the orientation (rad).
+
+    Example:
+        >>> primitive = dmp.fit(demonstration, "pose")
+        >>> primitive.plot(demonstration)
+        >>> fa.run(primitive.part(), InternalImpedance())
+    """
+
+    kind: Kind
+    duration: float  # s
+    start: np.ndarray  # where the demonstration began: rad (7,), or m (3,)
+    mu: np.ndarray
+    h: np.ndarray
+    weights: np.ndarray  # of each dimension, sensor and basis function
+    alpha: float = _ALPHA
+    rms: float = 0.0
+    # Of a pose:
+    start_orientation: np.ndarray | None = None  # w, x, y, z
+    goal_orientation: np.ndarray | None = None
+    quat_mu: np.ndarray | None = None
+    quat_h: np.ndarray | None = None
+    quat_weights: np.ndarray | None = None
+    quat_alpha: float = _QUAT_ALPHA
+    rms_angle: float = 0.0
+
+    @property
+    def goal(self) -> np.ndarray:
+        """Where it ends when it begins at `start`; rad (7,), or m (3,)."""
+        return self.start + self._rollout(self.weights.sum(axis=1), self.duration)[-1]
+
+    def part(
+        self,
+        duration: float | None = None,
+        start: Any = None,
+        goal: Any = None,
+        goal_orientation: Any = None,
+        sensor_values: Any = None,
+    ) -> Message:
+        """Return the trajectory for `fa.run`.
+
+        Args:
+            duration: s; None: as long as it was learned.
+            start: where the arm is when it begins, which `goal` is counted from: rad (7,), or m (3,); None: as it was learned.
+            goal: where it is to end; None: as far from the start as it was learned.
+            goal_orientation: w, x, y, z, of a pose; None: as it was learned.
+            sensor_values: weights of the sensors, (sensors,) or of each dimension (dimensions, sensors); None: 1.
+
+        Raises FrankaArmArgumentError for values that cannot be.
+        """
+        T = self.duration if duration is None else number("duration", duration)
+        if not 0.01 <= T <= 120:
+            raise FrankaArmArgumentError(f"duration is {T:g} s: expected 0.01 to 120 s")
+        weights = self._weights_to(start, goal)
+        values: dict[str, Any] = dict(weights=weights.ravel(), duration=T)
+        if sensor_values is not None:
+            values["initial_sensor_values"] = self._sensor_values(sensor_values)
+        spring = dict(tau=0.5 / T, alpha=self.alpha, beta=self.alpha / 4, mu=self.mu, h=self.h)
+        if self.kind == "joint":
+            return proto.JointDmp(**spring, **values)
+        if self.kind == "position":
+            return proto.PoseDmp(**spring, **values, position_only=True)
+        values["position_weights"] = values.pop("weights")
+        orientation = self.goal_orientation if goal_orientation is None else vector("goal_orientation", goal_orientation, 4)
+        return proto.QuaternionPoseDmp(
+            **{f"position_{name}": value for name, value in spring.items()},
+            **values,
+            quat_alpha=self.quat_alpha,
+            quat_beta=self.quat_alpha / 4,
+            quat_mu=self.quat_mu,
+            quat_h=self.quat_h,
+            quat_weights=self.quat_weights.ravel(),  # type: ignore[union-attr]
+            goal_quat=orientation,
+            goal_quat_time=T,
+        )
+
+    def rollout(self, duration: float | None = None, start: Any = None, goal: Any = None, sensor_values: Any = None) -> Rollout:
+        """Return times (n,) s and what `part` of the same arguments commands then: rad (n, 7), or m (n, 3)."""
+        T = self.duration if duration is None else number("duration", duration)
+        weights = self._weights_to(start, goal)
+        sensors = np.ones(weights.shape[:2]) if sensor_values is None else self._sensor_values(sensor_values).reshape(-1, weights.shape[1])
+        y = self._rollout((weights * np.broadcast_to(sensors, weights.shape[:2])[:, :, None]).sum(axis=1), T)
+        begin = self.start if start is None else vector("start", start, len(self.start))
+        return np.linspace(0, T, len(y)), begin + y
+
+    def orientations(self, duration: float | None = None, start: Any = None, goal: Any = None) -> np.ndarray:
+        """Return the orientations of a pose's rollout; w, x, y, z (n, 4), from `start` to `goal` (None: as learned)."""
+        if self.kind != "pose":
+            raise FrankaArmArgumentError(f"This is a primitive of {self.kind}: it has no orientation")
+        T = self.duration if duration is None else number("duration", duration)
+        begin = self.start_orientation if start is None else vector("start", start, 4)
+        end = self.goal_orientation if goal is None else vector("goal", goal, 4)
+        force = lambda t: _gaussians(np.exp(-t / T), self.quat_mu, self.quat_h) @ self.quat_weights[:, 0].T  # type: ignore[index]  # noqa: E731
+        r = _spring(force, T, self.quat_alpha**2 / 4 / T**2, self.quat_alpha / T, 1 / T**2, _log(_between(begin, end)))
+        return _product(_exp(r), end)
+
+    def beyond(self, fa: FrankaArm, duration: float | None = None, start: Any = None, goal: Any = None) -> list[str]:
+        """Return what of its rollout the connected arm cannot do as it is, a line each; where it is too fast it gets slower.
+
+        The tool's motions are followed by the joints from where the arm is, at its orientation where they have none.
+        """
+        t, y = self.rollout(duration, start, goal)
+        limits = fa.limits
+        if self.kind != "joint":
+            rows = np.linspace(0, len(y) - 1, _WAYPOINTS).round().astype(int)
+            orientations = self.orientations(duration)[rows] if self.kind == "pose" else [fa.get_pose(False).quaternion] * _WAYPOINTS
+            joints, path = fa.get_joints(), []
+            for position, orientation in zip(y[rows], orientations, strict=True):
+                base = RigidTransform(RigidTransform.rotation_from_quaternion(orientation), position, "franka_tool_base", "world")
+                try:
+                    joints = fa.ik(base * fa.get_tool_base_pose(), near=joints)
+                except FrankaArmArgumentError as error:
+                    return [f"{t[rows[len(path)]]:.2f} s after its start, at {np.round(position, 3)} m: {error.message}"]
+                path.append(joints)
+            t, y = t[rows], np.array(path)
+        v = np.abs(np.diff(y, axis=0)) / np.diff(t)[:, None]
+        lines = []
+        for i in range(7):
+            least, most = float(y[:, i].min()), float(y[:, i].max())
+            if least < limits.q_min[i] or most > limits.q_max[i]:
+                lines.append(f"joint {i + 1} goes from {least:.3f} to {most:.3f} rad: it has {limits.q_min[i]:.3f} to {limits.q_max[i]:.3f}")
+            if (fastest := float(v[:, i].max())) > limits.dq_max[i]:
+                lines.append(f"joint {i + 1} reaches {fastest:.2f} rad/s: its limit is {limits.dq_max[i]:.2f}")
+        return lines
+
+    def plot(self, demonstrations: Demonstration | Sequence[Demonstration] = (), goal: Any = None) -> Figure:
+        """Draw its rollout over what it was learned from. Needs matplotlib."""
+        from matplotlib.figure import Figure
+
+        count = len(self.start)
+        figure = Figure(figsize=(8, 1.6 * count + 1), layout="constrained")
+        axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+        t, y = self.rollout(goal=goal)
+        names = [f"joint {i + 1} [rad]" for i in range(7)] if self.kind == "joint" else [f"{axis} [m]" for axis in "xyz"]
+        for demonstration in _listed(demonstrations):
+            for i, axis in enumerate(axes):
+                axis.plot(demonstration.times * self.duration / demonstration.duration, _values(demonstration, self.kind)[:, i], "0.6", lw=3)
+        for i, axis in enumerate(axes):
+            axis.plot(t, y[:, i], "C0")
+            axis.set_ylabel(names[i])
+        axes[0].set_title(f"{self!r}; grey: demonstrated")
+        axes[-1].set_xlabel("time [s]")
+        return figure
+
+    def save(self, path: str | Path) -> None:
+        """Write it as a NumPy archive (.npz), or as what old scripts read (.pkl): their dictionary, of a pose two of them."""
+        path = Path(path)
+        if path.suffix == ".pkl":
+            import pickle
+
+            info = self.info
+            path.write_bytes(pickle.dumps(info if self.kind != "pose" else {"position": info, "quaternion": self.quat_info}))
+            return
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        write_npz(path, _FORMAT, {name: np.asarray(value) for name, value in fields.items() if value is not None})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Primitive:
+        """Read what `save` wrote as .npz. Dictionaries of old scripts (.pkl) are read by `load_script`."""
+        path = Path(path)
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise FrankaArmArgumentError(f"{path} cannot be read: {error.strerror}") from None
+        arrays = read_npz(path, data, _FORMAT)
+        known = {field.name for field in dataclasses.fields(cls)}
+        values = {name: value.item() if value.ndim == 0 else value for name, value in arrays.items() if name in known}
+        try:
+            return cls(**values)
+        except TypeError as error:
+            raise FrankaArmArgumentError(f"{path} lacks what a primitive has: {error}") from None
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """The dictionary that execute_joint_dmp, or for positions execute_pose_dmp(position_only=True), takes."""
+        return dict(
+            tau=0.5 / self.duration, alpha=self.alpha, beta=self.alpha / 4, num_basis=len(self.mu), num_sensors=self.weights.shape[1],
+            mu=self.mu.tolist(), h=self.h.tolist(), weights=self.weights,
+        )  # fmt: skip
+
+    @property
+    def quat_info(self) -> dict[str, Any]:
+        """The second dictionary that execute_quaternion_pose_dmp takes, of a pose."""
+        if self.quat_mu is None or self.quat_h is None:
+            raise FrankaArmArgumentError(f"This is a primitive of {self.kind}: it has no orientation")
+        return dict(
+            tau=1 / self.duration, alpha=self.quat_alpha, beta=self.quat_alpha / 4, num_basis=len(self.quat_mu), num_sensors=1,
+            mu=self.quat_mu.tolist(), h=self.quat_h.tolist(), weights=self.quat_weights,
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        error = f"{self.rms:.4f} rad" if self.kind == "joint" else f"{1e3 * self.rms:.2f} mm"
+        if self.kind == "pose":
+            error += f" and {math.degrees(self.rms_angle):.2f} degrees"
+        return f"Primitive of {self.kind}, {self.duration:.2f} s, {len(self.mu)} basis functions, {error} from what it learned"
+
+    # --- inside -------------------------------------------------------------------------------------------------------
+
+    def _rollout(self, weights: np.ndarray, duration: float) -> np.ndarray:
+        """Positions at even steps from rest at 0; `weights` (dimensions, basis)."""
+        tau = 0.5 / duration
+        stiffness = self.alpha**2 / 4 * tau**2
+        force = lambda t: _features(t, tau, self.mu, self.h) @ weights.T  # noqa: E731
+        return _spring(force, duration, stiffness, self.alpha * tau, stiffness, np.zeros(len(weights)))
+
+    def _weights_to(self, start: Any, goal: Any) -> np.ndarray:
+        """The weights with which a rollout from `start` ends at `goal`."""
+        if goal is None:
+            return self.weights
+        begin = self.start if start is None else vector("start", start, len(self.start))
+        end = vector("goal", goal, len(self.start))
+        weights = self.weights.copy()
+        # The first basis function alone leads from the start to the goal; how far by its end, the spring tells.
+        first = np.zeros((1, len(self.mu)))
+        first[0, 0] = 1
+        reached = self._rollout(first, self.duration)[-1, 0]
+        missing = end - begin - self._rollout(weights.sum(axis=1), self.duration)[-1]
+        weights[:, :, 0] += (missing / reached / weights.shape[1])[:, None]
+        return weights
+
+    def _sensor_values(self, values: Any) -> np.ndarray:
+        sensors, dimensions = self.weights.shape[1], self.weights.shape[0]
+        array = np.asarray(values, dtype=float)
+        expected = [(sensors,)] if self.kind == "joint" else [(sensors,), (dimensions, sensors)]
+        if array.shape not in expected:
+            raise FrankaArmArgumentError(f"sensor_values has the shape {array.shape}: expected {' or '.join(map(str, expected))}")
+        return array if self.kind == "joint" else np.broadcast_to(array, (dimensions, sensors)).ravel()
+
+
+def fit(
+    demonstrations: Demonstration | Sequence[Demonstration],
+    kind: Kind,
+    basis: int = 25,
+    method: Literal["ridge", "local"] = "ridge",
+    ridge: float = 1e-8,
+) -> Primitive:
+    """Learn a primitive from a demonstration, or from several of one motion.
+
+    Args:
+        demonstrations: several may begin and end at different places and take different times; what they have in common is
+            learned, as long as their mean and towards their mean goal.
+        kind: "joint", "position" (of the tool), or "pose" (position, and orientation by its rotation vector from the goal).
+        basis: functions, 2 to 100.
+        method: "ridge": least squares over all weights at once, with `ridge` against large ones. "local": each weight by
+            itself from where its function is large (locally weighted regression), with which few of them matter less.
+        ridge: share of the mean square of the basis functions.
+
+    Raises FrankaArmArgumentError where a demonstration lacks what the kind needs.
+    """
+    listed = _listed(demonstrations)
+    if kind not in _KINDS:
+        raise FrankaArmArgumentError(f"kind is {kind!r}: expected one of {', '.join(_KINDS)}")
+    if not listed:
+        raise FrankaArmArgumentError("There is no demonstration to learn from.")
+    if not isinstance(basis, (int, np.integer)) or not 2 <= basis <= 100:
+        raise FrankaArmArgumentError(f"basis is {basis!r}: expected 2 to 100")
+    if method not in ("ridge", "local"):
+        raise FrankaArmArgumentError(f"method is {method!r}: expected 'ridge' or 'local'")
+    if not ridge >= 0:
+        raise FrankaArmArgumentError(f"ridge is {ridge!r}: expected at least 0")
+    T = float(np.mean([each.duration for each in listed]))
+    even = [each.resampled(_SAMPLES) for each in listed]
+    t = np.linspace(0, T, _SAMPLES)
+    step, tau = t[1], 0.5 / T
+
+    mu, h = _centres(np.exp(-0.5 * np.arange(basis) / (basis - 1)))
+    stiffness, damping = _ALPHA**2 / 4 * tau**2, _ALPHA * tau
+    ways = [_values(each, kind) - _values(each, kind)[0] for each in even]
+    forces = [y + (_rate(_rate(y, step), step) + damping * _rate(y, step)) / stiffness for y in ways]
+    weights = _solve(_features(t, tau, mu, h), np.mean(forces, axis=0), method, ridge, first=True)
+    start = np.mean([_values(each, kind)[0] for each in even], axis=0)
+    primitive = Primitive(kind, T, start, mu, h, weights[:, None, :])
+    if kind == "pose":
+        _fit_orientation(primitive, even, t, basis, method, ridge)
+    times, rollout = primitive.rollout()
+    made = np.column_stack([np.interp(t, times, column) for column in rollout.T]) - start
+    errors = [made - way for way in ways]
+    primitive.rms = float(np.sqrt(np.mean(np.sum(np.square(errors), axis=-1))))
+    return primitive
+
+
+def load_script(path: str | Path) -> dict[str, Any]:
+    """Return the dictionary of a pickle that old scripts use, without running code in it.
+
+    Raises FrankaArmArgumentError where it is broken, or of another layout, which is named.
+    """
+    path = Path(path)
+    try:
+        data = unpickle(path, path.read_bytes())
+    except OSError as error:
+        raise FrankaArmArgumentError(f"{path} cannot be read: {error.strerror}") from None
+    if not isinstance(data, dict) or not set(KEYS) <= data.keys():
+        held = f"a dictionary with {', '.join(map(str, data))}" if isinstance(data, dict) else f"a {type(data).__name__}"
+        raise FrankaArmArgumentError(f"{path} holds {held}: expected a dictionary with {', '.join(KEYS)}")
+    return data
+
+
+# --- the laws --------------------------------------------------------------------------------------------------------
+
+
+def _features(t: np.ndarray, tau: float, mu: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Basis functions of JointDmp and PoseDmp, (n, basis)."""
+    x = np.exp(-tau * np.asarray(t))
+    u = np.minimum(2 * tau * np.asarray(t), 1.0)
+    functions = _gaussians(x, mu[1:], h[1:])
+    return np.concatenate([(u**3 * (10 - 15 * u + 6 * u**2))[..., None], functions], axis=-1)
+
+
+def _gaussians(x: Any, mu: np.ndarray | None, h: np.ndarray | None) -> np.ndarray:
+    psi = np.exp(-h * (np.asarray(x)[..., None] - mu) ** 2)
+    return psi * np.asarray(x)[..., None] / (1e-8 + psi.sum(axis=-1, keepdims=True))
+
+
+def _spring(
+    force: Any, duration: float, stiffness: float, damping: float, gain: float, start: np.ndarray
+) -> np.ndarray:
+    """Positions (_STEPS + 1, n) of y'' = -stiffness y - damping y' + gain f(t) from rest at `start`; Runge-Kutta of order 4."""
+    h = duration / _STEPS
+    f = gain * force(np.linspace(0, duration, 2 * _STEPS + 1))
+    y, v = np.array(start, dtype=float), np.zeros(len(start))
+    ys = np.empty((_STEPS + 1, len(y)))
+    ys[0] = y
+    # The spring is linear: a step is a matrix, the same for all.
+    A = np.array([[0, 1], [-stiffness, -damping]])
+    B = np.array([0, 1.0])
+    Ah = A * h
+    step = np.eye(2) + Ah + Ah @ Ah / 2 + Ah @ Ah @ Ah / 6 + Ah @ Ah @ Ah @ Ah / 24
+    now = h / 6 * (np.eye(2) + Ah + Ah @ Ah / 2 + Ah @ Ah @ Ah / 4) @ B
+    middle = h / 6 * (4 * np.eye(2) + 2 * Ah + Ah @ Ah / 2) @ B
+    after = h / 6 * B
+    state = np.stack([y, v])
+    driven = now[:, None] * f[:-1:2, None, :] + middle[:, None] * f[1::2, None, :] + after[:, None] * f[2::2, None, :]
+    for k in range(_STEPS):
+        state = step @ state + driven[k]
+        ys[k + 1] = state[0]
+    return ys
+
+
+def _centres(mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and widths of which neighbours overlap."""
+    width = np.diff(mu)
+    return mu, 0.5 / (0.65 * np.append(width, width[-1])) ** 2
+
+
+def _solve(features: np.ndarray, force: np.ndarray, method: str, ridge: float, first: bool) -> np.ndarray:
+    """Weights (dimensions, basis) with which the features give a force (n, dimensions)."""
+    if method == "ridge":
+        gram = features.T @ features
+        gram += ridge * np.trace(gram) / len(gram) * np.eye(len(gram))
+        return np.linalg.solve(gram, features.T @ force).T
+    weights = np.zeros((features.shape[1], force.shape[1]))
+    if first:  # it alone spans all of the time
+        weights[0] = force[-1]
+        force = force - np.outer(features[:, 0], weights[0])
+    for k in range(int(first), features.shape[1]):
+        phi = features[:, k]
+        total = features[:, int(first) :].sum(axis=1)
+        near = phi / np.maximum(total, 1e-12)
+        weights[k] = (near * total) @ force / max((near * total) @ total, 1e-12)
+    return weights.T
+
+
+def _fit_orientation(
+    primitive: Primitive, even: Sequence[Demonstration], t: np.ndarray, basis: int, method: str, ridge: float
+) -> None:
+    T, step = primitive.duration, t[1]
+    mu, h = _centres(np.exp(-np.arange(basis) / (basis - 1)))
+    stiffness, damping = primitive.quat_alpha**2 / 4 / T**2, primitive.quat_alpha / T
+    forces = []
+    for each in even:
+        r = _unwrapped(_log(_between(each.orientations, each.orientations[-1])))  # type: ignore[index,arg-type]
+        forces.append(T**2 * (_rate(_rate(r, step), step) + damping * _rate(r, step) + stiffness * r))
+    features = _gaussians(np.exp(-t / T), mu, h)
+    primitive.quat_mu, primitive.quat_h = mu, h
+    primitive.quat_weights = _solve(features, np.mean(forces, axis=0), method, ridge, first=False)[:, None, :]
+    primitive.start_orientation = even[0].orientations[0]  # type: ignore[index]
+    primitive.goal_orientation = even[0].orientations[-1]  # type: ignore[index]
+    turned = primitive.orientations()
+    shown = even[0].resampled(len(turned)).orientations
+    cosines = np.abs(np.sum(turned * shown, axis=1))
+    primitive.rms_angle = float(np.sqrt(np.mean(np.square(2 * np.arccos(np.minimum(cosines, 1))))))
+
+
+def _rate(values: np.ndarray, step: float) -> np.ndarray:
+    return np.gradient(values, step, axis=0)
+
+
+def _listed(demonstrations: Demonstration | Sequence[Demonstration]) -> list[Demonstration]:
+    return [demonstrations] if isinstance(demonstrations, Demonstration) else list(demonstrations)
+
+
+def _values(demonstration: Demonstration, kind: str) -> np.ndarray:
+    values = demonstration.joints if kind == "joint" else demonstration.positions
+    if values is None or (kind == "pose" and demonstration.orientations is None):
+        raise FrankaArmArgumentError(f"{demonstration!r} lacks what a primitive of {kind} is learned from")
+    return values
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of quaternions w, x, y, z, (..., 4)."""
+    w, v, s, u = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
+    return np.concatenate([w * s - np.sum(v * u, axis=-1, keepdims=True), w * u + s * v + np.cross(v, u)], axis=-1)
+
+
+def _between(q: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """What turns `end` into q."""
+    return _product(q, end * [1, -1, -1, -1])
+
+
+def _log(q: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., 3) of quaternions, up to half a turn."""
+    q = q * np.where(q[..., :1] < 0, -1, 1)
+    length = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(length, q[..., :1])
+    return q[..., 1:] * np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2)
+
+
+def _exp(r: np.ndarray) -> np.ndarray:
+    """Quaternions of rotation vectors (..., 3)."""
+    half = np.linalg.norm(r, axis=-1, keepdims=True) / 2
+    return np.concatenate([np.cos(half), 0.5 * r * np.sinc(half / np.pi)], axis=-1)
+
+
+def _unwrapped(r: np.ndarray) -> np.ndarray:
+    """Rotation vectors of which none jumps by a whole turn; the last is 0."""
+    out = r.copy()
+    for i in range(len(r) - 2, -1, -1):
+        angle = np.linalg.norm(r[i])
+        if angle > 1e-9:
+            axis = r[i] / angle
+            turns = round(float((out[i + 1] @ axis - angle) / (2 * np.pi)))
+            out[i] = r[i] + 2 * np.pi * turns * axis
+    return out

@@ -1,0 +1,54 @@
+"""BoxesPublisher of the published interface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from frankapy.collision_boxes import rotation_from_rpy
+from frankapy.exceptions import FrankaArmArgumentError
+from frankapy.rigid_transform import RigidTransform
+
+
+class BoxesPublisher:
+    """Shows boxes in rviz, where scripts run with ROS; elsewhere they are checked, and nobody is there to look."""
+
+    def __init__(self, name: str, world_frame: str = "panda_link0") -> None:
+        """Publish under the topic `name`, in the frame `world_frame`."""
+        self.name = name
+        self.world_frame = world_frame
+        try:
+            import rospy
+            from visualization_msgs.msg import MarkerArray
+
+            self._publisher = rospy.Publisher(name, MarkerArray, queue_size=10)
+        except ImportError:
+            self._publisher = None
+
+    def publish_boxes(self, boxes: Sequence[Any]) -> None:
+        """Publish rows of 9 (centre, roll, pitch, yaw, size) or 10 numbers (centre, quaternion w, x, y, z, size); m, rad."""
+        rows = [np.asarray(box, dtype=float) for box in boxes]
+        for row in rows:
+            if row.shape not in ((9,), (10,)):
+                raise FrankaArmArgumentError(f"Invalid format for box! It has the shape {row.shape}: expected (9,) or (10,)")
+        if self._publisher is None:
+            return
+        import rospy
+        from visualization_msgs.msg import Marker, MarkerArray
+
+        markers = []
+        for i, row in enumerate(rows):
+            marker = Marker()
+            marker.type, marker.id = Marker.CUBE, i
+            marker.header.frame_id, marker.header.stamp = self.world_frame, rospy.Time.now()
+            place, size = marker.pose.position, marker.scale
+            place.x, place.y, place.z = row[:3]
+            size.x, size.y, size.z = row[-3:]
+            turn = marker.pose.orientation
+            turn.w, turn.x, turn.y, turn.z = row[3:7] if row.size == 10 else RigidTransform(rotation_from_rpy(row[3:6]), np.zeros(3)).quaternion
+            grey = marker.color
+            grey.r, grey.g, grey.b, grey.a = 0.5, 0.5, 0.5, 0.6
+            markers.append(marker)
+        self._publisher.publish(MarkerArray(markers))

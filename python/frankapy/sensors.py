@@ -1,0 +1,77 @@
+"""Sensor messages into running skills, from any process."""
+
+from __future__ import annotations
+
+import itertools
+import secrets
+import time
+from types import TracebackType
+
+import zmq
+from google.protobuf.message import Message
+
+from frankapy import proto
+from frankapy.connection import find_arm
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
+from frankapy.sockets import owned_socket
+from frankapy.validation import validate
+
+_LINGER = 1000  # ms that an ending script waits for what it has just published
+
+
+class SensorPublisher:
+    """Sends messages over a topic into the skills of an arm that listen to it.
+
+    It needs no FrankaArm, and does not disturb the one that commands the arm. What is published is sent at once, waits while
+    the server is being reached, and is sent still when the script ends right afterwards. It serves one thread.
+
+    Example:
+        >>> fa.run(StreamJoint("policy"), JointImpedance(), Time(10), block=False)
+        >>> with SensorPublisher("policy") as publisher:
+        ...     publisher.publish(proto.JointPositionSensorMessage(joints=q))
+    """
+
+    def __init__(self, topic: str, robot_num: int = 1, server: str | None = None) -> None:
+        """Find the arm; raises FrankaArmCommException when there is no server, FrankaArmArgumentError for a bad name."""
+        if not isinstance(topic, str) or not 0 < len(topic.encode()) <= 256:
+            raise FrankaArmArgumentError(f"topic is {topic!r}: expected a name of 1 to 256 bytes")
+        endpoint = find_arm(server, robot_num).sensor_endpoint
+        if not endpoint:
+            raise FrankaArmCommException("The arm's process is not ready: `frankapy status` tells why.")
+        self.topic = topic
+        self._id = secrets.randbits(63)
+        self._sequence = itertools.count(1)
+        self._socket, self._close = owned_socket(self, zmq.PUSH, _LINGER)
+        self._socket.sndhwm = 10_000
+        self._socket.connect(endpoint)
+
+    def publish(self, message: Message) -> None:
+        """Send a message of wire/proto/sensors.proto, or of a part of your own.
+
+        Raises FrankaArmArgumentError for a field against its rule, FrankaArmCommException when the server takes nothing.
+        """
+        if not isinstance(message, Message):
+            raise FrankaArmArgumentError(f"publish got {message!r}: expected a message, such as JointPositionSensorMessage")
+        validate(message)
+        envelope = proto.SensorMessage(
+            topic=self.topic, publisher=self._id, sequence=next(self._sequence), sent_ns=time.time_ns()
+        )
+        envelope.message.Pack(message)
+        try:
+            self._socket.send(envelope.SerializeToString(), zmq.NOBLOCK)
+        except zmq.Again:
+            raise FrankaArmCommException("The server takes no sensor messages: is it still there?") from None
+        except zmq.ZMQError as error:
+            raise FrankaArmCommException(f"Not published: {error}. Was this SensorPublisher closed?") from None
+
+    def close(self) -> None:
+        """Send what is left, for at most a second."""
+        self._close()
+
+    def __enter__(self) -> SensorPublisher:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

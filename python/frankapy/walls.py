@@ -1,0 +1,137 @@
+"""Virtual walls: bodies that an arm must not touch, and that its server keeps it from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from frankapy import proto
+from frankapy.exceptions import FrankaArmArgumentError
+from frankapy.rigid_transform import RigidTransform
+from frankapy.validation import number, validate, vector
+
+
+def Plane(normal: Sequence[float] = (0, 0, 1), point: Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
+    """Return the half-space behind a plane through `point` (m), from which `normal` leads out."""
+    z = vector("normal", normal, 3)
+    if not np.linalg.norm(z) > 1e-6:
+        raise FrankaArmArgumentError(f"normal is {list(z)}: expected a direction, such as [0, 0, 1]")
+    z = z / np.linalg.norm(z)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    wall = proto.Wall(plane=proto.Wall.Plane())
+    return _place(wall, RigidTransform(np.column_stack([x, np.cross(z, x), z]), vector("point", point, 3)))
+
+
+def Box(size: Sequence[float], pose: RigidTransform | Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
+    """Return a box with edges `size` (m) whose centre is at `pose`: a pose, or a position (m)."""
+    return _place(proto.Wall(box=proto.Wall.Box(size=vector("size", size, 3))), pose)
+
+
+def Sphere(radius: float, centre: Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
+    """Return a sphere; `radius` and `centre` in m."""
+    return _place(proto.Wall(sphere=proto.Wall.Sphere(radius=number("radius", radius))), centre)
+
+
+def Cylinder(radius: float, length: float, pose: RigidTransform | Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
+    """Return a cylinder about the z axis of `pose` (or of a position), which is its middle; lengths in m."""
+    body = proto.Wall.Cylinder(radius=number("radius", radius), length=number("length", length))
+    return _place(proto.Wall(cylinder=body), pose)
+
+
+def Capsule(radius: float, length: float, pose: RigidTransform | Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
+    """Return a cylinder, as there, with half a sphere on each end."""
+    body = proto.Wall.Capsule(radius=number("radius", radius), length=number("length", length))
+    return _place(proto.Wall(capsule=body), pose)
+
+
+def _place(wall: proto.Wall, pose: RigidTransform | Sequence[float]) -> proto.Wall:
+    if hasattr(pose, "quaternion"):
+        position, quaternion = pose.translation, pose.quaternion
+    else:
+        position, quaternion = vector("position", pose, 3), (1.0, 0.0, 0.0, 0.0)
+    wall.ClearField("position")
+    wall.ClearField("orientation")
+    wall.position.extend(map(float, position))
+    wall.orientation.extend(map(float, quaternion))
+    return wall
+
+
+class Walls(Mapping[str, proto.Wall]):
+    """The walls of an arm by name, as `fa.walls`.
+
+    Motions end 10 mm before a wall, or slide along it; under torque control it pushes back. What is added holds at once, also for
+    the skill that runs, until it is removed or the arm's server is started again. An arm that is nearer already may go away only.
+
+    Example:
+        >>> fa.walls.add("table", Box([1, 1, 0.1], [0.5, 0, -0.05]))
+        >>> fa.walls.hold("screwdriver", Capsule(0.01, 0.1, [0, 0, 0.05]))
+        >>> del fa.walls["table"]
+    """
+
+    def __init__(self, change: Callable[[proto.ChangeWalls], proto.Walls], flange_to_tool: Callable[[], np.ndarray]) -> None:
+        """Speak with a server through `change`; `flange_to_tool` gives F_T_EE, shape (4, 4)."""
+        self._change = change
+        self._flange_to_tool = flange_to_tool
+
+    def add(self, name: str, wall: proto.Wall) -> None:
+        """Add one, or put it in the place of that name. Raises FrankaArmArgumentError for what the server refuses."""
+        self.update({name: wall})
+
+    def update(self, walls: Mapping[str, proto.Wall]) -> None:
+        """Add several at once: all or none."""
+        self._change(proto.ChangeWalls(put=[self._named(name, wall) for name, wall in walls.items()]))
+
+    def hold(self, name: str, body: proto.Wall) -> None:
+        """Add a body to the arm itself: a tool, or what the hand holds. It is given in the frame of the tool (EE)."""
+        named = self._named(name, body)
+        tool = self._flange_to_tool()
+        rotation = tool[:3, :3] @ RigidTransform.rotation_from_quaternion(named.orientation)
+        _place(named, RigidTransform(rotation, tool[:3, :3] @ named.position + tool[:3, 3])).held = True
+        self._change(proto.ChangeWalls(put=[named]))
+
+    def remove(self, *names: str) -> None:
+        """Remove these. Raises FrankaArmArgumentError where one is not there, or is of the server's configuration."""
+        self._change(proto.ChangeWalls(remove=names))
+
+    def clear(self) -> None:
+        """Remove all that are not of the server's configuration."""
+        self.remove(*(name for name, wall in self._all().items() if not wall.fixed))
+
+    def __delitem__(self, name: str) -> None:
+        """Remove one."""
+        self.remove(name)
+
+    def __setitem__(self, name: str, wall: proto.Wall) -> None:
+        """Add one."""
+        self.add(name, wall)
+
+    def __getitem__(self, name: str) -> proto.Wall:
+        """Return one."""
+        return self._all()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over their names."""
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._all())
+
+    def __repr__(self) -> str:
+        """Return names and shapes."""
+        texts = [f"{name}: {wall.WhichOneof('shape')}{' (held)' if wall.held else ''}" for name, wall in self._all().items()]
+        return f"Walls({', '.join(texts)})"
+
+    def _all(self) -> dict[str, proto.Wall]:
+        return {wall.name: wall for wall in self._change(proto.ChangeWalls()).walls}
+
+    def _named(self, name: str, wall: proto.Wall) -> proto.Wall:
+        if not isinstance(wall, proto.Wall):
+            raise FrankaArmArgumentError(f"wall is {wall!r}: expected Plane(...), Box(...), Sphere(...), Cylinder(...) or Capsule(...)")
+        named = proto.Wall()
+        named.CopyFrom(wall)
+        named.name = name
+        validate(named)
+        return named

@@ -1,0 +1,207 @@
+#include "sim/cell.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+namespace sim {
+namespace {
+
+// A client that falls silent in lockstep holds up one cycle for this long; then the cycle has lost its command. Twenty
+// of them end the motion, and a client which waits for a state for a second must not give up meanwhile.
+constexpr std::int64_t kSilence = 250'000'000;  // ns
+// Where runs are to be the same, nothing but a client that is gone may cost a cycle.
+constexpr std::int64_t kLongSilence = 700'000'000;  // ns
+
+World::Options world_options(const Cell::Options& options) {
+  World::Options world;
+  world.arm = options.arms.front().model;
+  for (std::size_t i = 1; i < options.arms.size(); ++i) world.more_arms.push_back(options.arms[i].model);
+  world.scene = options.scene;
+  world.ideal = options.ideal;
+  return world;
+}
+
+}  // namespace
+
+Cell::Station::Station(const Options& options, std::size_t index, Poller& poller)
+    : robot(*options.arms[index].model, options.ideal, options.seed + index),
+      robot_server(*options.arms[index].model, options.arms[index].address, options.version, robot, poller),
+      gripper_server(options.arms[index].address, gripper, poller) {}
+
+Cell::Cell(const Options& options)
+    : lockstep_(options.lockstep), world_(world_options(options)), clock_(options.speed), time_(options.time) {
+  for (std::size_t i = 0; i < options.arms.size(); ++i) {
+    Station& station = *stations_.emplace_back(std::make_unique<Station>(options, i, poller_));
+    if (!options.arms[i].truth.empty()) station.truth.emplace(options.arms[i].truth, world_);
+    station.robot.sense(world_.truth(i));
+  }
+  drives_.resize(stations_.size());
+  cycle_ = stations_.front()->robot.state().message_id;
+}
+
+void Cell::run(const volatile std::sig_atomic_t& stopped) {
+  stopped_ = &stopped;
+  clock_.restart();
+  while (!stopped) run_cycle();
+  if (clock_.late() > 0) {
+    spdlog::info("{} cycles of {} were late by this computer's fault, the worst by {:.1f} ms", clock_.late(),
+                 stations_.front()->robot.state().message_id, 1e3 * clock_.worst_delay());
+  }
+}
+
+// --- the cycle ------------------------------------------------------------------------------------------------
+
+void Cell::run_cycle() {
+  receive_commands();
+  const bool goes_on = this->goes_on();
+  if (goes_on) {
+    for (std::size_t i = 0; i < stations_.size(); ++i) {
+      Station& station = *stations_[i];
+      drives_[i] = {station.robot.control(station.command), station.gripper.control(world_.truth(i).finger)};
+    }
+    world_.move(drives_);
+    ++cycle_;
+    if (steps_ > 0) --steps_;
+  }
+  for (std::size_t i = 0; i < stations_.size(); ++i) {
+    Station& station = *stations_[i];
+    if (goes_on) {
+      station.robot.sense(world_.truth(i));
+    } else if (time_ != Time::kPaused || station.robot.state().robot_mode != fci::RobotMode::kMove) {
+      station.robot.stand_still();
+    }  // else a motion waits, and its client with it: it gets the same state again, as a sign of life
+    station.robot_server.publish(lockstep_ ? 0 : clock_.period());
+    station.gripper_server.publish();
+  }
+  if (goes_on) world_.settle();  // while the clients have their state already
+  for (std::size_t i = 0; goes_on && i < stations_.size(); ++i) {
+    Station& station = *stations_[i];
+    if (station.truth) station.truth->append(world_, i, cycle_, station.robot.moving());
+  }
+  clock_.done();
+}
+
+// Whether the world has another cycle.
+bool Cell::goes_on() const {
+  if (time_ == Time::kRuns || steps_ > 0) return true;
+  return time_ == Time::kBetweenMotionsPaused && std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
+           return station->command || station->robot.under_way() || station->gripper.under_way();
+         });
+}
+
+// Whether in lockstep the cycle waits for this arm's command. Where time stands still between motions it waits for the
+// first of a motion as well, which therefore answers the state that showed it the motion, in every run.
+bool Cell::awaited(const Station& station) const {
+  if (station.command || station.robot_server.in_vain() || (time_ == Time::kPaused && steps_ == 0)) return false;
+  if (station.robot.awaits_command()) return true;
+  return time_ == Time::kBetweenMotionsPaused && station.robot.moving() && !station.robot.under_way() &&
+         station.robot.state().robot_mode == fci::RobotMode::kMove;
+}
+
+bool Cell::awaited() const {
+  return std::any_of(stations_.begin(), stations_.end(), [this](const auto& station) { return awaited(*station); });
+}
+
+void Cell::receive_commands() {
+  for (auto& station : stations_) station->command = nullptr;
+  if (!lockstep_) return pace();
+  serve();
+  if (!awaited()) {
+    // A command whose loss is known is not waited for.
+    const bool lost = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
+      return station->robot.awaits_command() && station->robot_server.in_vain();
+    });
+    return lost && goes_on() ? clock_.restart() : pace();
+  }
+  wait_for_commands(time_ == Time::kBetweenMotionsPaused ? kLongSilence : kSilence);
+  const bool came = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
+    return station->command || station->robot.awaits_command();
+  });
+  // Otherwise the motion was stopped, or its client has gone: from here on time is the wall's again.
+  came ? clock_.restart() : pace();
+}
+
+void Cell::pace() {
+  for (auto& station : stations_) {
+    while (const auto due = station->robot_server.next_delayed()) {
+      if (lockstep_ || *due >= clock_.next()) break;
+      clock_.wait_until(*due);
+      station->robot_server.send_delayed(*due);
+    }
+  }
+  // When the simulator itself was late, clients on the same computer were held up as well, and have had their state late:
+  // they still have as long as a cycle is.
+  const bool late = clock_.wait();
+  serve();
+  if (time_ == Time::kPaused && steps_ == 0) return;  // what came stays where it is
+  for (auto& station : stations_) {
+    if (!station->command) station->command = station->robot_server.receive();
+  }
+  const std::int64_t patience = std::max(late ? clock_.period() : 0, clock_.grace() - Clock::now());
+  if (patience > 0 && awaited()) wait_for_commands(patience);
+}
+
+void Cell::wait_for_commands(std::int64_t patience) {
+  const std::int64_t until = Clock::now() + patience;
+  for (auto& station : stations_) {
+    while (awaited(*station) && !*stopped_) {
+      station->command = station->robot_server.wait();
+      if (station->command || Clock::now() > until) break;
+      serve();
+    }
+  }
+}
+
+void Cell::serve() {
+  const bool ready = poller_.ready();
+  for (auto& station : stations_) {
+    if (ready || station->robot_server.due()) station->robot_server.serve();
+    if (ready || station->gripper_server.due()) station->gripper_server.serve();
+  }
+  const std::int64_t before = Clock::now();
+  if (mailbox_.serve()) clock_.postpone(Clock::now() - before);
+}
+
+// --- time -----------------------------------------------------------------------------------------------------
+
+void Cell::set_time(Time time) {
+  time_ = time;
+  steps_ = 0;
+}
+
+void Cell::step(std::uint64_t cycles) {
+  if (time_ == Time::kRuns) throw std::runtime_error("time runs: pause it before single cycles are asked for");
+  steps_ = cycles;
+}
+
+void Cell::require_rest(const char* wish) const {
+  for (const auto& station : stations_) {
+    if (!station->robot.moving() && !station->robot.recovering() && !station->robot.under_way()) continue;
+    throw std::runtime_error(std::string("a motion runs: a moment can be ") + wish + " when none does");
+  }
+}
+
+std::uint64_t Cell::save() {
+  require_rest("saved");
+  Moment moment{world_.save(), {}};
+  for (const auto& station : stations_) moment.arms.emplace_back(station->robot, station->gripper);
+  moments_.push_back(std::move(moment));
+  return moments_.size();
+}
+
+void Cell::restore(std::uint64_t number) {
+  if (number == 0 || number > moments_.size()) {
+    throw std::runtime_error("moment " + std::to_string(number) + " was never saved; there are " +
+                             std::to_string(moments_.size()));
+  }
+  require_rest("restored");
+  const Moment& moment = moments_[number - 1];
+  world_.restore(*moment.world);
+  for (std::size_t i = 0; i < stations_.size(); ++i) {
+    stations_[i]->robot_server.restore(moment.arms[i].first);
+    stations_[i]->gripper = moment.arms[i].second;
+  }
+}
+
+}  // namespace sim

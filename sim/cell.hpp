@@ -1,0 +1,110 @@
+#pragma once
+
+#include <csignal>
+#include <memory>
+
+#include "sim/clock.hpp"
+#include "sim/gripper_server.hpp"
+#include "sim/mailbox.hpp"
+#include "sim/robot_server.hpp"
+#include "sim/truth_file.hpp"
+
+namespace sim {
+
+// One world with one or several arms in it, its time, and the loop that runs them; a thread of its own.
+class Cell {
+ public:
+  struct Arm {
+    const models::Arm* model;
+    in_addr address;
+    std::string truth;  // file; empty: none
+  };
+  enum class Time { kRuns, kBetweenMotionsPaused, kPaused };
+  struct Options {
+    std::vector<Arm> arms;
+    std::string scene;
+    std::optional<fci::Version> version;  // the only one to speak; empty: each client's own
+    bool lockstep = false;
+    bool ideal = false;
+    double speed = 1;
+    std::uint64_t seed = 1;  // of the first arm; the next have the next
+    Time time = Time::kRuns;
+  };
+
+  // Throws std::runtime_error which says what is wrong with a scene, an address or a file.
+  explicit Cell(const Options& options);
+
+  // Until `stopped`. Throws std::runtime_error when the disk takes no more truth.
+  void run(const volatile std::sig_atomic_t& stopped);
+  // Nothing is done any more that is asked for.
+  void close() { mailbox_.close(); }
+
+  // --- from any thread ----------------------------------------------------------------------------------------
+
+  // Has it done between two cycles, and waits for it; see Mailbox.
+  template <class Task>
+  void ask(Task&& task) {
+    mailbox_.ask(std::forward<Task>(task));
+  }
+
+  // --- within ask() -------------------------------------------------------------------------------------------
+
+  World& world() { return world_; }
+  Robot& robot(std::size_t arm) { return stations_[arm]->robot; }
+  Network& network(std::size_t arm) { return stations_[arm]->robot_server.network(); }
+  const Clock& clock() const { return clock_; }
+  // Of the world's life, counted as message_id is: 1 is the state before the first.
+  std::uint64_t cycle() const { return cycle_; }
+
+  Time time() const { return time_; }
+  void set_time(Time time);
+  // While paused: lets so many cycles go by; steps_left() tells when they have. Throws std::runtime_error when time runs.
+  void step(std::uint64_t cycles);
+  std::uint64_t steps_left() const { return steps_; }
+
+  // Throw std::runtime_error while a motion runs or recovery, or when there is no such moment, or one of other objects.
+  std::uint64_t save();
+  void restore(std::uint64_t moment);
+
+ private:
+  // An arm at its address.
+  struct Station {
+    Station(const Options& options, std::size_t index, Poller& poller);
+
+    Robot robot;
+    Gripper gripper;
+    RobotServer robot_server;
+    GripperServer gripper_server;
+    std::optional<TruthFile> truth;
+    const fci::RobotCommand* command = nullptr;  // of this cycle
+  };
+  struct Moment {
+    std::shared_ptr<const World::Moment> world;
+    std::vector<std::pair<Robot, Gripper>> arms;
+  };
+
+  void run_cycle();
+  void receive_commands();
+  void wait_for_commands(std::int64_t patience);
+  void pace();
+  void serve();
+  bool awaited(const Station& station) const;
+  bool awaited() const;
+  bool goes_on() const;
+  void require_rest(const char* wish) const;
+
+  const bool lockstep_;
+  Poller poller_;
+  World world_;
+  std::vector<std::unique_ptr<Station>> stations_;
+  std::vector<Drive> drives_;
+  Clock clock_;
+  Mailbox mailbox_;
+  const volatile std::sig_atomic_t* stopped_ = nullptr;
+  std::uint64_t cycle_;
+  Time time_;
+  std::uint64_t steps_ = 0;
+  std::vector<Moment> moments_;
+};
+
+}  // namespace sim

@@ -1,0 +1,15 @@
+#pragma once
+
+#include "models/arm.hpp"
+#include "realtime/model.hpp"
+
+namespace realtime {
+
+// What a part is constructed for: an arm, where its skill will begin.
+struct Arm {
+  const models::Limits& limits;
+  Model& model;  // with the arm's tool, updated for q at rest
+  Vector7 q;     // rad
+};
+
+}  // namespace realtime

@@ -1,0 +1,21 @@
+#include "realtime/controllers/joint_inertia.hpp"
+
+#include "models/arm.hpp"
+#include "realtime/check.hpp"
+#include "realtime/cholesky.hpp"
+
+namespace realtime {
+
+void require_holdable(const Vector7& stiffness, const Vector7& damping, const Matrix7& inertia) {
+  constexpr double kTick = 0.001;  // s
+  const Matrix7 mobility = Cholesky<models::kJoints>(inertia).inverse();
+  for (int i = 0; i < models::kJoints; ++i) {
+    const double m = 1 / mobility(i, i);
+    require_within("damping", i, damping[i], 0, 0.999 * m / kTick, "N m s/rad, what a loop of 1 ms can hold here");
+    const double b = damping[i] * kTick / m;
+    require_within("stiffness", i, stiffness[i], 0, m * b * (1 - b) / (kTick * kTick),
+                   "N m/rad, what a loop of 1 ms can hold here with that damping");
+  }
+}
+
+}  // namespace realtime

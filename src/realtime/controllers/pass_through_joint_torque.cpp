@@ -1,0 +1,74 @@
+#include "realtime/controllers/pass_through_joint_torque.hpp"
+
+#include <algorithm>
+
+#include "models/arm.hpp"
+#include "realtime/check.hpp"
+#include "realtime/controllers/joint_inertia.hpp"
+
+namespace realtime {
+namespace {
+
+constexpr double kMaxShift = 0.2;  // rad, of q_start
+
+// m/s²; for robots that do not say how they stand.
+const Vector3 kUpright(0, 0, -9.81);
+
+// Where what is among the gains, and the first of them in the message.
+constexpr int kSelection = 0, kRemoveGravity = 7, kTorque = 14, kStiffness = 21, kDamping = 28;
+constexpr std::size_t kFirst = 2;
+
+using Gains = GainStream<35>::Gains;
+
+Gains gains_of(const PassThroughJointTorque::Parameters& p) {
+  Gains gains;
+  gains << p.selection, p.remove_gravity, p.torque, p.stiffness, p.damping;
+  return gains;
+}
+
+void check(const Gains& gains, const Matrix7& inertia) {
+  for (int i = 0; i < models::kJoints; ++i) {
+    require_within("torque", i, gains[kTorque + i], -100, 100, "N m");
+    require_within("selection", i, gains[kSelection + i], 0, 1, "");
+    require_within("remove_gravity", i, gains[kRemoveGravity + i], 0, 1, "");
+    require_within("stiffness", i, gains[kStiffness + i], 0, 3000, "N m/rad");
+    require_within("damping", i, gains[kDamping + i], 0, 200, "N m s/rad");
+  }
+  const Vector7 held = Vector7::Ones() - gains.segment<7>(kSelection);
+  require_holdable(held.cwiseProduct(gains.segment<7>(kStiffness)), held.cwiseProduct(gains.segment<7>(kDamping)), inertia);
+}
+
+}  // namespace
+
+PassThroughJointTorque::PassThroughJointTorque(const Parameters& parameters, const Matrix7& mass)
+    : gains_(gains_of(parameters), parameters.topic, "JointTorqueControllerSensorMessage", kFirst,
+             [inertia = felt_inertia(mass)](const Gains& gains) { check(gains, inertia); }) {}
+
+void PassThroughJointTorque::start(const Cycle& cycle, Reference& reference) noexcept {
+  q_start_ = cycle.q;
+  const Vector7 tau = law(cycle, reference);
+  for (int i = 0; i < models::kJoints; ++i) {
+    const double stiffness = (1 - gains_.now()[kSelection + i]) * gains_.now()[kStiffness + i];
+    if (stiffness == 0) continue;
+    q_start_[i] += std::clamp((cycle.tau_J_d[i] - tau[i]) / stiffness, -kMaxShift, kMaxShift);
+  }
+}
+
+void PassThroughJointTorque::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
+  gains_.step();
+  tau_J_d = law(cycle, reference);
+}
+
+Vector7 PassThroughJointTorque::law(const Cycle& cycle, const Reference& reference) const noexcept {
+  const Gains& gains = gains_.now();
+  const Vector7 torque = gains_.goal().segment<7>(kTorque), remove_gravity = gains.segment<7>(kRemoveGravity);
+  const Vector7 held = gains.segment<7>(kStiffness).cwiseProduct(q_start_ - cycle.q) -
+                       gains.segment<7>(kDamping).cwiseProduct(cycle.dq);
+  Vector7 tau = held + gains.segment<7>(kSelection).cwiseProduct(torque + reference.torque - held) + cycle.model.coriolis();
+  if (remove_gravity.isZero()) return tau;
+  const Vector3 reported = Vector3::Map(cycle.state.O_ddP_O.data());
+  tau -= remove_gravity.cwiseProduct(cycle.model.gravity(reported.isZero() ? kUpright : reported));
+  return tau;
+}
+
+}  // namespace realtime

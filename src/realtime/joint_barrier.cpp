@@ -1,0 +1,72 @@
+#include "realtime/joint_barrier.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "realtime/cholesky.hpp"
+#include "realtime/joint_range.hpp"
+
+namespace realtime {
+namespace {
+
+constexpr double kSpeedShare = 0.85;   // of the allowed speed, that a joint may come to
+constexpr double kBrakeShare = 0.4;    // of the acceleration limit that braking counts on
+constexpr double kApproach = 20;       // 1/s, at which a joint may come near to its greatest speed, and falls back to it
+constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is looked at
+constexpr double kEndMargin = 0.02;    // rad before the end of the range where pushing back begins at the latest
+constexpr double kFullPush = 0.03;     // rad, over which pushing back rises to the greatest torque
+constexpr double kMotorInertia = 0.1;  // kg m², about what the mass matrix leaves out of each joint
+constexpr int kPasses = 4;             // through the joints, as each moves the others
+
+}  // namespace
+
+JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {
+  for (int i = 0; i < models::kJoints; ++i) {
+    end_min_[i] = std::max(rest_min(limits, i), limits.q_min[i] + kEndMargin);
+    end_max_[i] = std::min(rest_max(limits, i), limits.q_max[i] - kEndMargin);
+  }
+}
+
+bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c,
+                       Vector7& tau_J_d) const noexcept {
+  // Along the way that each joint moves: its greatest speed here, and the acceleration that keeps to it.
+  Vector7 sign, most;
+  bool near = false, needed = false;
+  for (int i = 0; i < models::kJoints; ++i) {
+    sign[i] = dq[i] < 0 ? -1 : 1;
+    const double speed = std::abs(dq[i]);
+    const double way = dq[i] < 0 ? q[i] - end_min_[i] : end_max_[i] - q[i];
+    const double allowed = kSpeedShare * sign[i] * (dq[i] < 0 ? limits_.dq_lower(i, q[i]) : limits_.dq_upper(i, q[i]));
+    const double brake = kBrakeShare * limits_.ddq_max[i];
+    const double brakable = std::sqrt(2 * brake * std::max(way, 0.));
+    const double greatest = std::min(allowed, brakable);
+    most[i] = kApproach * (greatest - speed);
+    if (brakable < allowed) most[i] -= brake * std::min(speed / std::max(brakable, 1e-3), 1.);
+    near |= speed > kFarFrom * greatest;
+
+    const double beyond = q[i] > end_max_[i] ? q[i] - end_max_[i] : std::min(q[i] - end_min_[i], 0.);
+    needed |= beyond != 0;
+    tau_J_d[i] -= limits_.tau_max[i] / kFullPush * beyond;
+  }
+  if (!near) return needed;
+
+  Matrix7 B = M;
+  B.diagonal().array() += kMotorInertia;
+  const Matrix7 mobility = Cholesky<models::kJoints>(B).inverse();
+  Vector7 ddq = mobility * (tau_J_d - c);
+  Vector7 added = Vector7::Zero();
+  for (int pass = 0; pass < kPasses; ++pass) {
+    for (int i = 0; i < models::kJoints; ++i) {
+      // What an earlier pass has added too much is taken back.
+      const double excess = sign[i] * ddq[i] - most[i];
+      const double sum = std::clamp(sign[i] * added[i] - excess / mobility(i, i), -2 * limits_.tau_max[i], 0.);
+      const double change = sign[i] * sum - added[i];
+      added[i] += change;
+      ddq += change * mobility.col(i);
+    }
+  }
+  tau_J_d += added;
+  return needed || !added.isZero(1e-9);
+}
+
+}  // namespace realtime

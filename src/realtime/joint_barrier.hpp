@@ -1,0 +1,26 @@
+#pragma once
+
+#include "models/arm.hpp"
+#include "realtime/model.hpp"
+
+namespace realtime {
+
+// Under torque control nothing else keeps the measured joints from the ends of their range, or from a speed, at which the
+// robot stops by an error: a soft controller lets itself be pushed there, a Cartesian one goes there near a singularity.
+// Keeps what a controller's torque makes of the joints, ddq = M^-1 (tau_J_d - c), from taking one to a speed that could not
+// be braked in time: ddq <= k (v - dq) + dv/dt towards the end, v the greatest speed there (a control barrier: Ames et al.,
+// Control barrier functions: theory and applications, ECC 2019), by the least torque of the joints concerned. Pushes back
+// at the end. Otherwise it adds nothing.
+class JointBarrier {
+ public:
+  explicit JointBarrier(const models::Limits& limits);
+
+  // Adds to tau_J_d, N m; M is the mass matrix at q, c the Coriolis torque (N m). True if it had to.
+  bool add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, Vector7& tau_J_d) const noexcept;
+
+ private:
+  models::Limits limits_;
+  Vector7 end_min_, end_max_;  // where pushing back begins, rad
+};
+
+}  // namespace realtime

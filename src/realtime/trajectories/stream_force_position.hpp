@@ -1,0 +1,26 @@
+#pragma once
+
+#include "realtime/trajectories/stream_pose.hpp"
+
+namespace realtime {
+
+// As StreamPose, with the wrench that EE is to exert: it goes from where it is to what was sent last in a straight line, for
+// 0.05 s, and stays.
+class StreamForcePosition : public StreamPose {
+ public:
+  // Throws std::invalid_argument naming field, value and bound.
+  StreamForcePosition(const Parameters& parameters, const models::Limits& limits);
+
+  Effort effort() const noexcept override { return Effort::kWrench; }
+  void start(const Reference& from) noexcept override;
+  bool step(double time, Reference& reference) noexcept override;
+
+ private:
+  void take(double time, const SensorSample& sample) noexcept override;
+
+  double last_ = 0;                                              // s, time of the last step
+  Vector6 wrench_ = Vector6::Zero(), wanted_ = Vector6::Zero();  // N, N m
+  double reached_ = 0;                                           // s, when wrench_ is wanted_
+};
+
+}  // namespace realtime

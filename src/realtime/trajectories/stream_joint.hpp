@@ -1,0 +1,44 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "models/arm.hpp"
+#include "realtime/trajectories/trajectory_generator.hpp"
+
+namespace realtime {
+
+template <int N>
+class TargetStream;
+
+// Joint positions that come over a topic while the skill runs, made into a smooth motion (TargetStream). It stays where it is
+// until the first comes, and ends by a termination only.
+class StreamJoint : public TrajectoryGenerator {
+ public:
+  struct Parameters {
+    std::string topic;
+    std::optional<double> delay;  // s, 0 to 1; 0: each target at once; none: twice the time between targets
+    double timeout;               // s, of a target at once: without another the arm brakes; 0: it goes on to the last
+    double speed;                 // share of the arm's limits, 0.01 to 1
+  };
+
+  // Throws std::invalid_argument naming field, value and bound.
+  StreamJoint(const Parameters& parameters, const models::Limits& limits);
+  ~StreamJoint() override;
+
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
+  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  void start(const Reference& from) noexcept override;
+  bool step(double time, Reference& reference) noexcept override;
+  const Reference& goal() const noexcept override { return goal_; }
+  double duration() const noexcept override { return 0; }
+  double stretch() const noexcept override { return 1; }
+
+ private:
+  std::shared_ptr<SensorInput> input_;
+  std::unique_ptr<TargetStream<models::kJoints>> stream_;
+  Reference goal_;  // where it began
+};
+
+}  // namespace realtime

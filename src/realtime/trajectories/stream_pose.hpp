@@ -1,0 +1,50 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "models/arm.hpp"
+#include "realtime/trajectories/trajectory_generator.hpp"
+
+namespace realtime {
+
+template <int N>
+class TargetStream;
+
+// As StreamJoint, poses of EE in O. Orientations are passed as rotation vectors relative to the orientation at the start.
+class StreamPose : public TrajectoryGenerator {
+ public:
+  struct Parameters {
+    std::string topic;
+    std::optional<double> delay;  // s, 0 to 1; 0: each target at once; none: twice the time between targets
+    double timeout;               // s, of a target at once: without another the arm brakes; 0: it goes on to the last
+    double speed;                 // share of the arm's limits, 0.01 to 1
+  };
+
+  // Throws std::invalid_argument naming field, value and bound.
+  StreamPose(const Parameters& parameters, const models::Limits& limits);
+  ~StreamPose() override;
+
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
+  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  void start(const Reference& from) noexcept override;
+  bool step(double time, Reference& reference) noexcept override;
+  const Reference& goal() const noexcept override { return goal_; }
+  double duration() const noexcept override { return 0; }
+  double stretch() const noexcept override { return 1; }
+
+ protected:
+  StreamPose(const Parameters& parameters, const models::Limits& limits, std::shared_ptr<SensorInput> input);
+  // Takes a message that came `time` s after the start.
+  virtual void take(double time, const SensorSample& sample) noexcept;
+  void add(double time, const SensorSample& sample, const Vector3& position, const Eigen::Quaterniond& orientation) noexcept;
+
+ private:
+  std::shared_ptr<SensorInput> input_;
+  std::unique_ptr<TargetStream<6>> stream_;
+  Vector3 turn_ = Vector3::Zero();  // of the last target, relative to the start
+  Reference goal_;                  // where it began
+};
+
+}  // namespace realtime

@@ -1,0 +1,83 @@
+#include "realtime/trajectories/stream_velocity.hpp"
+
+#include "realtime/check.hpp"
+#include "realtime/joint_range.hpp"
+#include "realtime/rotation.hpp"
+#include "realtime/trajectories/joint_rates.hpp"
+#include "realtime/trajectories/pose_rates.hpp"
+#include "realtime/trajectories/velocity_stream.hpp"
+
+namespace realtime {
+namespace {
+
+constexpr int kVelocityAt = 2;  // in the numbers of either message
+
+}  // namespace
+
+StreamJointVelocity::StreamJointVelocity(const Parameters& parameters, const models::Limits& limits)
+    : input_(std::make_shared<SensorInput>(require_topic(parameters.topic),
+                                           std::vector<std::string>{"JointVelocitySensorMessage"})),
+      stream_(std::make_unique<VelocityStream<models::kJoints>>(parameters.timeout, joint_rates(limits, parameters.speed))) {
+  for (int i = 0; i < models::kJoints; ++i) {
+    q_min_[i] = rest_min(limits, i);
+    q_max_[i] = rest_max(limits, i);
+  }
+}
+
+StreamJointVelocity::~StreamJointVelocity() = default;
+
+void StreamJointVelocity::start(const Reference& from) noexcept {
+  goal_ = at_rest(from);
+  stream_->start({from.joint.q, from.joint.dq, from.joint.ddq});
+}
+
+bool StreamJointVelocity::step(double time, Reference& reference) noexcept {
+  auto point = stream_->at(time);
+  const Vector7 inside = point.x.cwiseMax(q_min_).cwiseMin(q_max_);
+  if (inside != point.x) {  // what goes on beyond a limit would have to come back first
+    stream_->move_to(inside);
+    for (int i = 0; i < models::kJoints; ++i) {
+      if (inside[i] != point.x[i]) point.v[i] = point.a[i] = 0;
+    }
+    point.x = inside;
+  }
+  if (SensorSample sample; input_->newest(sample)) stream_->add(Vector7::Map(sample.values.data() + kVelocityAt));
+  reference.kind = ReferenceKind::kJoint;
+  reference.joint = {point.x, point.v, point.a};
+  return false;
+}
+
+StreamCartesianVelocity::StreamCartesianVelocity(const Parameters& parameters, const models::Limits& limits)
+    : input_(std::make_shared<SensorInput>(require_topic(parameters.topic),
+                                           std::vector<std::string>{"CartesianVelocitySensorMessage"})),
+      stream_(std::make_unique<VelocityStream<6>>(parameters.timeout, pose_rates(limits, parameters.speed))) {}
+
+StreamCartesianVelocity::~StreamCartesianVelocity() = default;
+
+void StreamCartesianVelocity::start(const Reference& from) noexcept {
+  goal_ = at_rest(from);
+  orientation_ = from.cartesian.orientation;
+  time_ = 0;
+  VelocityStream<6>::Point point;
+  point.x << from.cartesian.position, Vector3::Zero();
+  point.v = from.cartesian.velocity;
+  point.a = from.cartesian.acceleration;
+  stream_->start(point);
+}
+
+bool StreamCartesianVelocity::step(double time, Reference& reference) noexcept {
+  const auto& point = stream_->at(time);
+  // What the twist turns, step by step.
+  orientation_ = (exp((time - time_) * point.v.tail<3>()) * orientation_).normalized();
+  time_ = time;
+  if (SensorSample sample; input_->newest(sample)) stream_->add(Vector6::Map(sample.values.data() + kVelocityAt));
+  reference.kind = ReferenceKind::kCartesian;
+  CartesianReference& pose = reference.cartesian;
+  pose.position = point.x.head<3>();
+  pose.orientation = orientation_;
+  pose.velocity = point.v;
+  pose.acceleration = point.a;
+  return false;
+}
+
+}  // namespace realtime

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "models/arm.hpp"
+#include "realtime/trajectories/trajectory_generator.hpp"
+
+namespace realtime {
+
+template <int N>
+class VelocityStream;
+
+// Joint velocities that come over a topic while the skill runs. It ends by a termination only.
+class StreamJointVelocity : public TrajectoryGenerator {
+ public:
+  struct Parameters {
+    std::string topic;
+    double timeout;  // s without a velocity after which the arm stops, 0.001 to 3600
+    double speed;    // share of the arm's limits, 0.01 to 1
+  };
+
+  // Throws std::invalid_argument naming field, value and bound.
+  StreamJointVelocity(const Parameters& parameters, const models::Limits& limits);
+  ~StreamJointVelocity() override;
+
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
+  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  void start(const Reference& from) noexcept override;
+  bool step(double time, Reference& reference) noexcept override;
+  const Reference& goal() const noexcept override { return goal_; }
+  double duration() const noexcept override { return 0; }
+  double stretch() const noexcept override { return 1; }
+
+ private:
+  std::shared_ptr<SensorInput> input_;
+  std::unique_ptr<VelocityStream<models::kJoints>> stream_;
+  Vector7 q_min_, q_max_;  // rad
+  Reference goal_;         // where it began
+};
+
+// The same of EE, along and about the axes of O.
+class StreamCartesianVelocity : public TrajectoryGenerator {
+ public:
+  using Parameters = StreamJointVelocity::Parameters;
+
+  // Throws std::invalid_argument naming field, value and bound.
+  StreamCartesianVelocity(const Parameters& parameters, const models::Limits& limits);
+  ~StreamCartesianVelocity() override;
+
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
+  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  void start(const Reference& from) noexcept override;
+  bool step(double time, Reference& reference) noexcept override;
+  const Reference& goal() const noexcept override { return goal_; }
+  double duration() const noexcept override { return 0; }
+  double stretch() const noexcept override { return 1; }
+
+ private:
+  std::shared_ptr<SensorInput> input_;
+  std::unique_ptr<VelocityStream<6>> stream_;
+  double time_ = 0;                        // s, of the last step
+  Eigen::Quaterniond orientation_{1, 0, 0, 0};
+  Reference goal_;                         // where it began
+};
+
+}  // namespace realtime

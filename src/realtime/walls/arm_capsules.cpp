@@ -1,0 +1,64 @@
+#include "realtime/walls/arm_capsules.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace realtime {
+namespace {
+
+Eigen::Isometry3d frame(const models::JointFrame& joint) {
+  const auto& [xyz, rpy] = joint;
+  Eigen::Isometry3d T(Eigen::AngleAxisd(rpy[2], Vector3::UnitZ()) * Eigen::AngleAxisd(rpy[1], Vector3::UnitY()) *
+                      Eigen::AngleAxisd(rpy[0], Vector3::UnitX()));
+  T.translation() = Vector3::Map(xyz.data());
+  return T;
+}
+
+}  // namespace
+
+ArmCapsules::ArmCapsules(const models::Arm& arm, bool hand) {
+  for (std::size_t i = 0; i < frames_.size(); ++i) frames_[i] = frame(arm.joints[i]);
+  const Eigen::Isometry3d F_T_hand(Eigen::AngleAxisd(models::hand::kYaw, Vector3::UnitZ()));
+  for (const models::Capsule& capsule : models::capsules()) {
+    if (capsule.link <= 1 || (capsule.link == kFlange && !hand)) continue;
+    const Vector3 centre = Vector3::Map(capsule.centre.data()), half = capsule.length / 2 * Vector3::Unit(capsule.axis - 'x');
+    const Eigen::Isometry3d T = capsule.link == kFlange ? F_T_hand : Eigen::Isometry3d::Identity();
+    capsules_.push_back({capsule.link, T * (centre - half), T * (centre + half), capsule.radius});
+  }
+}
+
+bool ArmCapsules::hold(const Vector3& F_a, const Vector3& F_b, double radius) {
+  if (capsules_.size() >= kMost) return false;
+  capsules_.push_back({kFlange, F_a, F_b, radius});
+  return true;
+}
+
+void ArmCapsules::place(const Vector7& q, Place& out) const noexcept {
+  std::array<Eigen::Isometry3d, models::kJoints + 1> O_T;
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  for (int i = 0; i < models::kJoints; ++i) {
+    T = T * frames_[i];
+    out.origin[i] = T.translation();
+    out.axis[i] = T.linear().col(2);
+    const double c = std::cos(q[i]), s = std::sin(q[i]);
+    const Vector3 x = T.linear().col(0), y = T.linear().col(1);
+    T.linear().col(0) = c * x + s * y;
+    T.linear().col(1) = c * y - s * x;
+    O_T[i] = T;
+  }
+  O_T[models::kJoints] = T * frames_[models::kJoints];
+  for (std::size_t k = 0; k < capsules_.size(); ++k) {
+    const Capsule& capsule = capsules_[k];
+    out.a[k] = O_T[capsule.link - 1] * capsule.a;
+    out.b[k] = O_T[capsule.link - 1] * capsule.b;
+  }
+}
+
+Vector7 ArmCapsules::gradient(const Place& place, int index, const Vector3& O_point, const Vector3& normal) const noexcept {
+  Vector7 out = Vector7::Zero();
+  const int joints = std::min(capsules_[index].link, models::kJoints);
+  for (int i = 0; i < joints; ++i) out[i] = normal.dot(place.axis[i].cross(O_point - place.origin[i]));
+  return out;
+}
+
+}  // namespace realtime

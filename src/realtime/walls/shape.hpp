@@ -1,0 +1,37 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+
+#include "realtime/reference.hpp"
+
+namespace realtime {
+
+// A convex body in the base frame O.
+struct Shape {
+  enum class Kind : std::uint8_t {
+    kPlane,     // all below z = 0 of S
+    kBox,       // size: half of each edge
+    kCylinder,  // about z of S; size: radius, half of its length
+    kCapsule,   // about z of S; size: radius, half of its length without the caps. A sphere is one of length 0
+  };
+  Kind kind = Kind::kPlane;
+  Vector3 size = Vector3::Zero();                             // m
+  Eigen::Isometry3d O_T_S = Eigen::Isometry3d::Identity();
+};
+
+// How far a point is from a body: negative inside. The normal leads out of it.
+struct Distance {
+  double distance;  // m
+  Vector3 normal;   // in O
+};
+Distance distance(const Shape& shape, const Vector3& O_point) noexcept;
+
+// The point of a segment from a to b (in O, m) that is nearest to a body, or deepest in it.
+struct Nearest : Distance {
+  Vector3 point;
+};
+Nearest nearest(const Shape& shape, const Vector3& a, const Vector3& b) noexcept;
+
+}  // namespace realtime

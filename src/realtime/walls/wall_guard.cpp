@@ -1,0 +1,196 @@
+#include "realtime/walls/wall_guard.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "realtime/cholesky.hpp"
+
+namespace realtime {
+namespace {
+
+constexpr double kRoom = 0.0005;       // m more than the clearance, to which a motion is led that slides along a wall
+constexpr double kLongestStep = 0.1;   // rad or m that such a motion looks ahead
+constexpr double kNear = 0.08;         // m that a capsule comes nearer on such a step, about
+constexpr double kDetour = 1.5;        // times the way between its ends, that a capsule may be away from them
+constexpr double kSlack = 0.005;       // m, the same
+constexpr double kRounding = 1e-9;     // m
+constexpr int kPasses = 10;            // through the contacts, as each changes the others
+
+// Torque.
+constexpr double kStiffness = 5000;    // N/m, of the spring before a wall: 50 N before the wall itself is touched
+constexpr double kHorizon = 0.3;       // m from a wall at which it is looked at, at most
+constexpr double kBrake = 4;           // m/s² that braking counts on: 0.5 m/s in 31 mm
+constexpr double kApproach = 60;       // 1/s, at which a capsule may come near to its greatest speed, and falls back to it
+constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done
+constexpr double kMotorInertia = 0.1;  // kg m², about what the mass matrix leaves out of each joint
+
+// Of a pose's change: turning by a radian costs as much as this way, in m. What is in the way is passed beside rather than
+// turned away from.
+constexpr double kTurningCost = 3;
+
+// What the square of a gradient counts as at least, so that a capsule that hardly moves asks for no long step; m²/rad², or 1.
+constexpr double kLeastJoints = 1e-4, kLeastPose = 1e-2;
+
+// Of a change of N coordinates: gradient . change >= least (m).
+template <int N>
+struct Bound {
+  Eigen::Matrix<double, N, 1> gradient;
+  double least;
+};
+
+// The change, no longer than kLongestStep, and then led to within each bound in turn, where coordinates yield by their ease.
+template <int N>
+Eigen::Matrix<double, N, 1> past_bounds(const Eigen::Matrix<double, N, 1>& change, const Eigen::Matrix<double, N, 1>& ease,
+                                        double least_square, std::span<const Bound<N>> bounds) {
+  Eigen::Matrix<double, N, 1> out = change * std::min(1., kLongestStep / std::max(change.norm(), 1e-9));
+  for (int pass = 0; pass < kPasses; ++pass) {
+    for (const Bound<N>& bound : bounds) {
+      const double lack = bound.least - bound.gradient.dot(out);
+      if (lack <= 0) continue;
+      const Eigen::Matrix<double, N, 1> along = ease.cwiseProduct(bound.gradient);
+      out += along * (lack / std::max(bound.gradient.dot(along), least_square));
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+WallGuard::~WallGuard() { delete walls_; }
+
+Walls* WallGuard::change(Walls* walls) noexcept {
+  wall_ = 0;
+  contact_count_ = 0;
+  return std::exchange(walls_, walls);
+}
+
+// No more than the distance between them.
+double WallGuard::least(int capsule, int wall, const ArmCapsules::Place& place) const noexcept {
+  const Vector3 half = (place.b[capsule] - place.a[capsule]) / 2;
+  return distance(walls_->walls[wall].shape, place.a[capsule] + half).distance - half.norm() -
+         walls_->arm.all()[capsule].radius;
+}
+
+WallGuard::Contact WallGuard::contact(int capsule, int wall, const Nearest& found) const noexcept {
+  return {capsule, wall, found.distance - walls_->arm.all()[capsule].radius,
+          walls_->arm.gradient(here_, capsule, found.point, found.normal)};
+}
+
+bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double clearance) noexcept {
+  const ArmCapsules& arm = walls_->arm;
+  arm.place(q, here_);
+  const std::size_t steps = std::min<std::size_t>(way.size(), kMostOnWay);
+  for (std::size_t k = 0; k < steps; ++k) arm.place(way[k], places_[k]);
+  contact_count_ = 0;
+  bool all_clear = true;
+  for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
+    double reach = 0;
+    for (std::size_t k = 0; k < steps; ++k) {
+      reach = std::max({reach, (places_[k].a[capsule] - here_.a[capsule]).squaredNorm(),
+                        (places_[k].b[capsule] - here_.b[capsule]).squaredNorm()});
+    }
+    reach = std::max(kDetour * std::sqrt(reach) + kSlack, kNear);
+    const double radius = arm.all()[capsule].radius;
+    for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
+      if (least(capsule, wall, here_) > clearance + reach) continue;
+      const Shape& shape = walls_->walls[wall].shape;
+      const Nearest now = nearest(shape, here_.a[capsule], here_.b[capsule]);
+      const double enough = std::min(clearance, now.distance - radius) - kRounding;
+      bool clear = true;
+      for (std::size_t k = 0; k < steps && clear; ++k) {
+        if (least(capsule, wall, places_[k]) >= enough) continue;
+        clear = nearest(shape, places_[k].a[capsule], places_[k].b[capsule]).distance - radius >= enough;
+      }
+      if (!clear) wall_ = walls_->walls[wall].id;
+      all_clear &= clear;
+      // Not only those in the way: a step past one of them must not lead to another.
+      if ((!clear || now.distance - radius < clearance + kNear) && contact_count_ < kMostContacts) {
+        contacts_[contact_count_++] = contact(capsule, wall, now);
+      }
+    }
+  }
+  return all_clear;
+}
+
+Vector7 WallGuard::past(const Vector7& change) const noexcept {
+  std::array<Bound<7>, kMostContacts> bounds;
+  for (int k = 0; k < contact_count_; ++k) bounds[k] = {contacts_[k].gradient, kClearance + kRoom - contacts_[k].distance};
+  const std::span<const Bound<7>> all(bounds.data(), contact_count_);
+  return past_bounds<7>(change, Vector7::Ones(), kLeastJoints, all);
+}
+
+Vector6 WallGuard::past(const Vector6& change, const Matrix76& dq_dP) const noexcept {
+  Vector6 ease;
+  ease << 1, 1, 1, Vector3::Constant(1 / (kTurningCost * kTurningCost));
+  std::array<Bound<6>, kMostContacts> bounds;
+  for (int k = 0; k < contact_count_; ++k) {
+    bounds[k] = {dq_dP.transpose() * contacts_[k].gradient, kClearance + kRoom - contacts_[k].distance};
+  }
+  const std::span<const Bound<6>> all(bounds.data(), contact_count_);
+  return past_bounds<6>(change, ease, kLeastPose, all);
+}
+
+bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, Vector7& tau_J_d) noexcept {
+  const ArmCapsules& arm = walls_->arm;
+  arm.place(q, here_);
+  struct Limit {
+    Vector7 gradient, response;  // of the joints to a force along the gradient
+    double mobility, least;      // least acceleration along the gradient
+    double force = 0;
+  };
+  std::array<Limit, kMostContacts> limits;
+  int count = 0;
+  bool needed = false;
+  for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
+    // None of its points is faster than an end.
+    Vector3 a = Vector3::Zero(), b = Vector3::Zero();
+    for (int i = 0; i < std::min(arm.all()[capsule].link, models::kJoints); ++i) {
+      a += dq[i] * here_.axis[i].cross(here_.a[capsule] - here_.origin[i]);
+      b += dq[i] * here_.axis[i].cross(here_.b[capsule] - here_.origin[i]);
+    }
+    const double fast = std::max(a.squaredNorm(), b.squaredNorm()) / (kFarFrom * kFarFrom);
+    const double horizon = std::min(kClearance + fast / (2 * kBrake), kHorizon);
+    for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
+      if (least(capsule, wall, here_) > horizon) continue;
+      const Contact near = contact(capsule, wall, nearest(walls_->walls[wall].shape, here_.a[capsule], here_.b[capsule]));
+      const double way = near.distance - kClearance, speed = -near.gradient.dot(dq);
+      if (way < 0) {
+        tau_J_d -= kStiffness * way * near.gradient;
+        needed = true;
+        wall_ = walls_->walls[wall].id;
+      }
+      const double greatest = std::sqrt(2 * kBrake * std::max(way, 0.));
+      if (speed <= kFarFrom * greatest || speed <= 0 || count == kMostContacts) continue;
+      Limit& limit = limits[count++];
+      limit.gradient = near.gradient;
+      limit.least = kApproach * (speed - greatest) + kBrake * std::min(speed / std::max(greatest, 1e-3), 1.);
+      if (limit.least > 0) wall_ = walls_->walls[wall].id;
+    }
+  }
+  if (count == 0) return needed;
+
+  Matrix7 B = M;
+  B.diagonal().array() += kMotorInertia;
+  const Cholesky<models::kJoints> factors(B);
+  Vector7 ddq = factors.solve<1>(tau_J_d - c);
+  for (int k = 0; k < count; ++k) {
+    limits[k].response = factors.solve<1>(limits[k].gradient);
+    limits[k].mobility = std::max(limits[k].gradient.dot(limits[k].response), 1e-6);
+  }
+  for (int pass = 0; pass < kPasses; ++pass) {
+    for (int k = 0; k < count; ++k) {
+      Limit& limit = limits[k];
+      const double force = std::max(limit.force + (limit.least - limit.gradient.dot(ddq)) / limit.mobility, 0.);
+      ddq += (force - limit.force) * limit.response;
+      limit.force = force;
+    }
+  }
+  for (int k = 0; k < count; ++k) {
+    tau_J_d += limits[k].force * limits[k].gradient;
+    needed |= limits[k].force > 0;
+  }
+  return needed;
+}
+
+}  // namespace realtime

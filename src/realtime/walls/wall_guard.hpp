@@ -1,0 +1,81 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "realtime/model.hpp"
+#include "realtime/walls/arm_capsules.hpp"
+#include "realtime/walls/shape.hpp"
+
+namespace realtime {
+
+struct Wall {
+  std::uint32_t id;  // not 0
+  Shape shape;
+};
+
+// What an arm must not touch, and its own body. Made in the server room, and not changed after.
+struct Walls {
+  static constexpr int kMost = 64;
+
+  ArmCapsules arm;
+  std::vector<Wall> walls;  // kMost at most
+};
+
+// Keeps an arm clear of walls. Motions: at each cycle the whole way on which the arm would come to rest if it braked from there
+// is looked at, so that there is always one that is clear, however thin a wall is. Torques: what a controller's torque makes of
+// the joints, ddq = M^-1 (tau_J_d - c), may take no capsule nearer to a wall at a speed that could not be braked in time (a
+// control barrier, as JointBarrier), and from kClearance on a spring pushes back.
+class WallGuard {
+ public:
+  static constexpr double kClearance = 0.01;   // m from a wall, where motions end and a spring begins
+  static constexpr double kTurnAround = 0.003;  // m more that a motion needs which has been held back
+  static constexpr int kMostOnWay = 12;
+
+  WallGuard() = default;
+  ~WallGuard();
+  WallGuard(const WallGuard&) = delete;
+
+  // From now on these (null: none); returns those before, for their owner to destroy.
+  Walls* change(Walls* walls) noexcept;
+  bool active() const noexcept { return walls_ != nullptr && !walls_->walls.empty(); }
+
+  // Whether the arm keeps `clearance` from each wall on that way of the joints (rad) from q on; from a wall that is nearer at
+  // q it comes no nearer.
+  bool clear(const Vector7& q, std::span<const Vector7> way, double clearance) noexcept;
+
+  // What of a change leads past the walls that were near in the last clear(), to kClearance from them: of the joints at
+  // q (rad), or of a pose (m, rad; axes of O) with which the joints go along.
+  Vector7 past(const Vector7& change) const noexcept;
+  Vector6 past(const Vector6& change, const Matrix76& dq_dP) const noexcept;
+
+  // Adds to tau_J_d, N m; M is the mass matrix at q, c the Coriolis torque (N m). True if it had to.
+  bool add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, Vector7& tau_J_d) noexcept;
+
+  // The wall that stood in the way, the last time one did; 0: none since change().
+  std::uint32_t wall() const noexcept { return wall_; }
+
+ private:
+  // A capsule and a wall near each other, at one posture.
+  struct Contact {
+    int capsule, wall;
+    double distance;   // m
+    Vector7 gradient;  // of it, m/rad
+  };
+  static constexpr int kMostContacts = 32;
+
+  Contact contact(int capsule, int wall, const Nearest& nearest) const noexcept;
+  double least(int capsule, int wall, const ArmCapsules::Place& place) const noexcept;
+
+  Walls* walls_ = nullptr;
+  std::uint32_t wall_ = 0;
+
+  ArmCapsules::Place here_;
+  std::array<ArmCapsules::Place, kMostOnWay> places_;
+  std::array<Contact, kMostContacts> contacts_;
+  int contact_count_ = 0;
+};
+
+}  // namespace realtime

@@ -1,0 +1,279 @@
+#include "server/recorder.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cctype>
+#include <ctime>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "server/clocks.hpp"
+#include "server/convert.hpp"
+#include "server/gripper.hpp"
+
+namespace server {
+namespace {
+
+namespace fs = std::filesystem;
+namespace proto = frankapy::proto;
+using namespace std::chrono_literals;
+
+constexpr auto kWritePeriod = 10ms;
+constexpr auto kAfterError = 1s;             // that the black box goes on after an error
+constexpr std::uint64_t kBeforeSkill = 200;  // records
+constexpr std::uint64_t kAfterSkill = 500;   // records
+constexpr auto kSilence = 5s;                // without a record, after which a skill is over
+constexpr auto kDiskRetry = 10s;             // after the disk has failed
+constexpr std::uint64_t kIdleStep = 10;      // 100 Hz while the robot holds itself
+constexpr auto kDiskPeriod = 1s;
+constexpr auto kGripperPeriod = 50ms;
+constexpr double kBytesPerMB = 1e6;
+
+std::string in_file_name(std::string text) {
+  for (char& c : text) {
+    if (!std::isalnum(static_cast<unsigned char>(c)) && c != '_' && c != '-') c = '-';
+  }
+  return text.substr(0, 80);
+}
+
+McapWriter::Metadata about(const std::string& arm, const std::string& why) { return {{"arm", arm}, {"why", why}}; }
+
+bool in_error(const realtime::Record& record) {
+  return record.state.robot_mode == fci::RobotMode::kReflex || fci::any(record.state.errors);
+}
+
+}  // namespace
+
+// --- the folder ----------------------------------------------------------------------------------------------------
+
+RecordingFolder::RecordingFolder(const RecordingsConfig& config, const std::string& arm)
+    : folder_(fs::path(config.folder) / arm), most_(static_cast<std::uint64_t>(config.max_gb * 1e9)) {}
+
+fs::path RecordingFolder::new_file(const std::string& what) const {
+  fs::create_directories(folder_);
+  const std::int64_t now = clock_ns(CLOCK_REALTIME);
+  const std::time_t second = now / 1'000'000'000;
+  std::tm utc{};
+  gmtime_r(&second, &utc);
+  const std::string time = fmt::format("{:04}-{:02}-{:02}T{:02}-{:02}-{:02}.{:03}Z", utc.tm_year + 1900, utc.tm_mon + 1, utc.tm_mday,
+                                       utc.tm_hour, utc.tm_min, utc.tm_sec, now / 1'000'000 % 1000);
+  return folder_ / fmt::format("{}-{}.mcap", time, in_file_name(what));
+}
+
+bool RecordingFolder::make_room(const std::vector<fs::path>& open) const {
+  std::vector<std::pair<fs::path, std::uint64_t>> files;
+  std::uint64_t all = 0;
+  for (const auto& entry : fs::directory_iterator(folder_)) {
+    std::error_code gone;
+    if (entry.path().extension() != ".mcap" || !entry.is_regular_file(gone)) continue;
+    const std::uint64_t size = entry.file_size(gone);
+    if (gone) continue;
+    all += size;
+    if (std::find(open.begin(), open.end(), entry.path()) == open.end()) files.emplace_back(entry.path(), size);
+  }
+  std::sort(files.begin(), files.end());  // names begin with the time
+  for (const auto& [path, size] : files) {
+    if (all <= most_) break;
+    std::error_code error;
+    if (fs::remove(path, error)) all -= size;
+  }
+  return all <= most_;
+}
+
+// --- the recorder --------------------------------------------------------------------------------------------------
+
+Recorder::Recorder(BlackBox& box, const RecordingsConfig& config, const std::string& arm, const Gripper* gripper)
+    : box_(box), config_(config), arm_(arm), gripper_(gripper), folder_(config, arm), watched_(box.records) {
+  thread_ = std::thread([this] { run(); });
+}
+
+Recorder::~Recorder() {
+  quit_ = true;
+  thread_.join();
+}
+
+void Recorder::keep(const std::string& why) {
+  const std::lock_guard lock(mutex_);
+  if (keep_why_.empty()) keep_why_ = why;
+}
+
+proto::RecordingStatus Recorder::ask(const proto::Record& request) {
+  const std::lock_guard lock(mutex_);
+  if (request.has_on()) asked_for_ = request.on();
+  return status_;
+}
+
+void Recorder::run() {
+  while (!quit_) {
+    watch();
+    note_gripper();
+    if (!wanted()) {
+      close(running_);
+    } else if (!running_ && Clock::now() >= retry_) {
+      start(skill_wanted() ? box_.records.written() - skill_began_ + kBeforeSkill : 0);
+    }
+    look_after_black_box();
+    write(running_);
+    write(kept_);
+    look_after_disk();
+    if (running_ && (running_->size() > config_.file_mb * kBytesPerMB ||
+                     Clock::now() - started_ > std::chrono::duration<double>(60 * config_.file_minutes))) {
+      close(running_);
+      start(0);  // nothing twice
+    }
+    {
+      const std::lock_guard lock(mutex_);
+      status_.set_open(running_ != nullptr);
+      if (running_) {
+        status_.set_file(running_->path());
+        status_.set_bytes(running_->size());
+        status_.set_states(running_->states());
+        status_.set_lost(running_->lost());
+        status_.set_time(running_->time());
+      }
+    }
+    std::this_thread::sleep_for(kWritePeriod);
+  }
+  watch();
+  look_after_black_box();
+  close(running_);
+  close(kept_);
+}
+
+void Recorder::write(std::unique_ptr<Recording>& recording) {
+  if (!recording) return;
+  try {
+    recording->write();
+  } catch (const std::system_error& error) {
+    give_up(recording, error.what());
+  }
+}
+
+void Recorder::look_after_disk() {
+  if ((!running_ && !kept_) || Clock::now() - disk_seen_ < kDiskPeriod) return;
+  disk_seen_ = Clock::now();
+  std::vector<fs::path> open;
+  for (const auto* recording : {&running_, &kept_}) {
+    if (*recording) open.push_back((*recording)->path());
+  }
+  try {
+    if (folder_.make_room(open)) return;
+  } catch (const std::system_error& error) {
+    spdlog::warn("{}", error.what());
+    return;
+  }
+  for (auto* recording : {&running_, &kept_}) {
+    if (*recording) give_up(*recording, fmt::format("recordings would take more than the {} GB that they may", config_.max_gb));
+  }
+}
+
+void Recorder::note_gripper() {
+  if (gripper_ == nullptr || Clock::now() - gripper_seen_ < kGripperPeriod) return;
+  gripper_seen_ = Clock::now();
+  proto::ArmState state;
+  gripper_->put_state(state);
+  if (!state.has_gripper()) return;
+  std::string bytes = state.gripper().SerializeAsString();
+  if (bytes == gripper_state_) return;
+  box_.journal.note("/gripper", state.gripper().GetTypeName(), bytes);
+  gripper_state_ = std::move(bytes);
+}
+
+// Looks at every record for what begins or ends.
+void Recorder::watch() {
+  while (watched_.next(record_)) {
+    heard_ = Clock::now();
+    if (record_.skill_id != 0) {
+      // In records, not by the clock: this thread may come late, and a skill is one recording all the same.
+      if (!skill_wanted()) skill_began_ = watched_.position();
+      skill_last_seen_ = watched_.position();
+    }
+    const bool was = std::exchange(in_error_, in_error(record_));
+    if (in_error_ && !was) keep(errors_of(record_.state));
+  }
+}
+
+bool Recorder::wanted() const {
+  if (config_.mode == RecordingsConfig::Mode::kAlways) return true;
+  {
+    const std::lock_guard lock(mutex_);
+    if (asked_for_) return true;
+  }
+  return skill_wanted();
+}
+
+bool Recorder::skill_wanted() const {
+  return config_.mode == RecordingsConfig::Mode::kSkills && skill_last_seen_ != 0 &&
+         watched_.position() - skill_last_seen_ < kAfterSkill && Clock::now() - heard_ < kSilence;
+}
+
+void Recorder::start(std::uint64_t past) {
+  const char* what = skill_wanted() ? "skill" : "all";
+  try {
+    running_ = std::make_unique<Recording>(box_, folder_.new_file(what), Recording::Options{past, kIdleStep}, about(arm_, what));
+    started_ = Clock::now();
+    const std::lock_guard lock(mutex_);
+    status_.clear_error();
+  } catch (const std::system_error& error) {
+    give_up(running_, error.what());
+  }
+}
+
+// The ten seconds before what it is kept for, and one after it.
+void Recorder::look_after_black_box() {
+  std::string why;
+  {
+    const std::lock_guard lock(mutex_);
+    why = std::exchange(keep_why_, {});
+  }
+  if (!why.empty() && config_.mode != RecordingsConfig::Mode::kOff) {
+    kept_until_ = Clock::now() + kAfterError;
+    if (!kept_) {
+      try {
+        const fs::path path = folder_.new_file("error-" + why);
+        kept_ = std::make_unique<Recording>(box_, path, Recording::Options{BlackBox::kKept, 1}, about(arm_, why));
+        spdlog::info("the black box is written to {}", path.string());
+      } catch (const std::system_error& error) {
+        give_up(kept_, error.what());
+      }
+    }
+  }
+  if (kept_ && Clock::now() > kept_until_) close(kept_);
+}
+
+void Recorder::close(std::unique_ptr<Recording>& recording) {
+  if (!recording) return;
+  try {
+    recording->write();
+    recording->close();
+    if (recording->lost() > 0) spdlog::warn("{}: {} states were lost, as the disk is too slow", recording->path().string(), recording->lost());
+  } catch (const std::system_error& error) {
+    give_up(recording, error.what());
+  }
+  recording.reset();
+}
+
+void Recorder::give_up(std::unique_ptr<Recording>& recording, const std::string& why) {
+  recording.reset();
+  retry_ = Clock::now() + kDiskRetry;
+  spdlog::error("not recorded: {}. Next attempt in {} s", why, kDiskRetry / 1s);
+  const std::lock_guard lock(mutex_);
+  status_.set_error(why);
+}
+
+fs::path write_black_box(int fd, const RecordingsConfig& config, const std::string& arm, const std::string& why) {
+  if (config.mode == RecordingsConfig::Mode::kOff) return {};
+  const auto box = BlackBox::found(fd);
+  if (!box) return {};
+  const RecordingFolder folder(config, arm);
+  const fs::path path = folder.new_file("crash-" + why);
+  Recording recording(*box, path, {BlackBox::kKept, 1}, about(arm, why));
+  recording.write();
+  recording.close();
+  folder.make_room({path});
+  return path;
+}
+
+}  // namespace server

@@ -1,0 +1,182 @@
+#include "server/sensor_hub.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <chrono>
+
+#include "server/clocks.hpp"
+#include "server/registry.hpp"
+#include "server/sensor_samples.hpp"
+#include "server/sockets.hpp"
+#include "wire/proto/validation.hpp"
+
+namespace server {
+namespace {
+
+namespace proto = frankapy::proto;
+
+constexpr std::int64_t kMaxSensorMessage = 1 << 16;  // bytes; a longer one ends its connection
+constexpr int kReceiveQueue = 10'000;          // messages; a publisher of more has to wait
+constexpr std::size_t kMaxTopics = 256;
+constexpr std::size_t kMaxPublishers = 64;     // of one topic
+constexpr std::size_t kMaxTopicName = 256;     // bytes
+constexpr auto kWait = std::chrono::milliseconds(50);
+constexpr std::int64_t kTellLostPeriod = 1'000'000'000;    // ns
+constexpr std::int64_t kFuture = 1'000'000'000;  // ns
+
+}  // namespace
+
+SensorHub::SensorHub(zmq::context_t& context, const std::string& listen, std::uint16_t port, Journal& journal)
+    : journal_(journal), socket_(context, zmq::socket_type::pull) {
+  socket_.set(zmq::sockopt::linger, 0);
+  socket_.set(zmq::sockopt::rcvhwm, kReceiveQueue);
+  socket_.set(zmq::sockopt::maxmsgsize, kMaxSensorMessage);
+  endpoint_ = server::bind(socket_, listen, port);
+  thread_ = std::thread([this] { run(); });
+}
+
+SensorHub::~SensorHub() {
+  quit_ = true;
+  thread_.join();
+}
+
+void SensorHub::bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs) {
+  const std::lock_guard lock(mutex_);
+  for (auto& input : inputs) listeners_.push_back({skill, std::move(input)});
+}
+
+void SensorHub::release(std::uint64_t skill) {
+  const std::lock_guard lock(mutex_);
+  std::erase_if(listeners_, [skill](const Listener& listener) { return listener.skill == skill; });
+}
+
+void SensorHub::describe(proto::Topics& out) const {
+  const std::lock_guard lock(mutex_);
+  for (const auto& [name, topic] : topics_) {
+    auto& told = *out.add_topics();
+    told = topic.told;
+    told.set_topic(name);
+    told.set_age(1e-9 * static_cast<double>(now_ns() - topic.arrived_ns));
+    for (const Listener& listener : listeners_) {
+      if (listener.input->topic() == name) told.add_skills(listener.skill);
+    }
+  }
+}
+
+void SensorHub::run() {
+  while (!quit_) {
+    zmq::pollitem_t item{socket_.handle(), 0, ZMQ_POLLIN, 0};
+    zmq::poll(&item, 1, kWait);
+    zmq::message_t frame;
+    while (!quit_ && socket_.recv(frame, zmq::recv_flags::dontwait)) {
+      if (frame.more()) {
+        while (frame.more() && socket_.recv(frame)) {
+        }
+        count_garbage("a message of several frames (expected one)");
+        continue;
+      }
+      take(frame);
+    }
+  }
+}
+
+void SensorHub::take(const zmq::message_t& frame) {
+  proto::SensorMessage message;
+  if (!message.ParseFromArray(frame.data(), static_cast<int>(frame.size()))) {
+    return count_garbage(fmt::format("{} bytes that are no SensorMessage", frame.size()));
+  }
+  try {
+    wire::validate(message);
+  } catch (const wire::Invalid& invalid) {
+    return count_garbage(invalid.what());
+  }
+  if (message.topic().empty() || message.topic().size() > kMaxTopicName) {
+    return count_garbage(fmt::format("a topic of {} bytes (expected 1 to {})", message.topic().size(), kMaxTopicName));
+  }
+  const std::string& type = message.message().type_url();
+  journal_.note("/sensors/" + message.topic(), std::string_view(type).substr(type.rfind('/') + 1), message.message().value(),
+                static_cast<std::uint32_t>(message.sequence()), message.sent_ns());
+  const std::lock_guard lock(mutex_);
+  if (topics_.size() >= kMaxTopics && !topics_.contains(message.topic())) {
+    return count_garbage(fmt::format("a topic beyond the {} that are known", kMaxTopics));
+  }
+  Topic& topic = topics_[message.topic()];
+  topic.told.set_received(topic.told.received() + 1);
+  topic.told.set_message(kind_of(message.message()));
+  const std::int64_t now = now_ns();
+  if (topic.arrived_ns != 0) {
+    const double period = 1e-9 * static_cast<double>(now - topic.arrived_ns);
+    topic.told.set_period(topic.told.has_period() ? 0.9 * topic.told.period() + 0.1 * period : period);
+  }
+  topic.arrived_ns = now;
+
+  if (topic.publishers.size() >= kMaxPublishers) topic.publishers.clear();
+  auto [publisher, is_new] = topic.publishers.try_emplace(message.publisher());
+  Publisher& from = publisher->second;
+  const std::int64_t ahead = message.sent_ns() - now;
+  if (is_new) from.ahead_ns = ahead;
+  if (message.has_sequence()) {
+    if (message.sequence() <= from.sequence) {
+      topic.told.set_out_of_order(topic.told.out_of_order() + 1);
+      return;
+    }
+    if (!is_new) topic.told.set_lost(topic.told.lost() + message.sequence() - from.sequence - 1);
+    from.sequence = message.sequence();
+  }
+  if (message.has_sent_ns() && ahead - from.ahead_ns > kFuture) {
+    return refuse(topic, fmt::format("its time stamp is {:.3f} s in the future of those before",
+                                     1e-9 * static_cast<double>(ahead - from.ahead_ns)));
+  }
+  deliver(topic, message);
+}
+
+void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message) {
+  const std::string kind = kind_of(message.message());
+  std::vector<realtime::SensorSample> samples;
+  bool heard = false, taken = false;
+  std::string expected;
+  try {
+    for (const Listener& listener : listeners_) {
+      realtime::SensorInput& input = *listener.input;
+      if (input.topic() != message.topic()) continue;
+      heard = true;
+      const auto& messages = input.messages();
+      const auto found = std::find(messages.begin(), messages.end(), kind);
+      if (found == messages.end() && !messages.empty()) {
+        expected += (expected.empty() ? "" : ", ") + fmt::format("{}", fmt::join(messages, ", "));
+        continue;
+      }
+      taken = true;
+      if (samples.empty()) samples = samples_of(message.message());
+      for (auto& sample : samples) {
+        sample.message = messages.empty() ? 0 : static_cast<int>(found - messages.begin());
+        sample.sent_ns = message.sent_ns();
+        if (const std::string why = input.check(sample); !why.empty()) throw wire::Invalid(kind + ": " + why);
+      }
+      for (const auto& sample : samples) {
+        if (!input.put(sample)) topic.told.set_overrun(topic.told.overrun() + 1);
+      }
+    }
+    if (!heard) samples_of(message.message());  // so that what is wrong is found before a skill listens
+  } catch (const wire::Invalid& invalid) {
+    return refuse(topic, invalid.what());
+  }
+  if (heard && !taken) refuse(topic, fmt::format("it is {}: expected {}", kind, expected));
+}
+
+void SensorHub::refuse(Topic& topic, const std::string& why) {
+  topic.told.set_refused(topic.told.refused() + 1);
+  if (topic.told.why_refused() != why) spdlog::warn("a sensor message was refused: {}", why);
+  topic.told.set_why_refused(why);
+}
+
+void SensorHub::count_garbage(const std::string& what) {
+  const auto count = garbage_.fetch_add(1) + 1;
+  if (const std::int64_t now = now_ns(); now - told_ns_ > kTellLostPeriod) {
+    told_ns_ = now;
+    spdlog::warn("dropped {}; {} sensor messages like that so far", what, count);
+  }
+}
+
+}  // namespace server

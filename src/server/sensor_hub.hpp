@@ -1,0 +1,76 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+#include <zmq.hpp>
+
+#include "frankapy/proto/sensors.pb.h"
+#include "frankapy/proto/service.pb.h"
+#include "realtime/sensor_input.hpp"
+#include "server/journal.hpp"
+
+namespace server {
+
+// Takes SensorMessages from any number of publishers and puts them into the parts of skills that listen to their topics. What
+// cannot be read, is of another kind, carries numbers that are not finite or against the message's rules or the part's own check,
+// or comes behind a newer one, is counted with its topic and dropped.
+class SensorHub {
+ public:
+  // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken.
+  SensorHub(zmq::context_t& context, const std::string& listen, std::uint16_t port, Journal& journal);
+  ~SensorHub();
+
+  const std::string& endpoint() const { return endpoint_; }
+
+  // From now on, until release(), messages get into these inputs of a skill.
+  void bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs);
+  void release(std::uint64_t skill);
+
+  // What came over each topic so far.
+  void describe(frankapy::proto::Topics& out) const;
+
+  // Messages that could not be read.
+  std::uint64_t garbage() const { return garbage_.load(std::memory_order_relaxed); }
+
+ private:
+  struct Listener {
+    std::uint64_t skill;
+    std::shared_ptr<realtime::SensorInput> input;
+  };
+  struct Publisher {
+    std::uint64_t sequence = 0;
+    std::int64_t ahead_ns = 0;  // of its clock before ours, when its first message came
+  };
+  struct Topic {
+    frankapy::proto::Topics::Topic told;
+    std::int64_t arrived_ns = 0;  // CLOCK_MONOTONIC, of the newest
+    std::map<std::uint64_t, Publisher> publishers;
+  };
+
+  void run();
+  void take(const zmq::message_t& frame);
+  void deliver(Topic& topic, const frankapy::proto::SensorMessage& message);
+  void refuse(Topic& topic, const std::string& why);
+  void count_garbage(const std::string& what);
+
+  Journal& journal_;  // gets every message that can be read, also those that are then dropped
+  zmq::socket_t socket_;
+  std::string endpoint_;
+
+  mutable std::mutex mutex_;
+  std::vector<Listener> listeners_;
+  std::map<std::string, Topic> topics_;
+
+  std::atomic<std::uint64_t> garbage_{0};
+  std::int64_t told_ns_ = 0;
+  std::atomic<bool> quit_{false};
+  std::thread thread_;
+};
+
+}  // namespace server

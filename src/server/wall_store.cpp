@@ -1,0 +1,208 @@
+#include "server/wall_store.hpp"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "server/refused.hpp"
+#include "server/system_call.hpp"
+
+namespace server {
+namespace {
+
+namespace proto = frankapy::proto;
+using realtime::Shape;
+using realtime::Vector3;
+
+constexpr std::size_t kLongestName = 100;
+
+template <int N>
+Eigen::Matrix<double, N, 1> numbers(const google::protobuf::RepeatedField<double>& values) {
+  return Eigen::Map<const Eigen::Matrix<double, N, 1>>(values.data());
+}
+
+// In the frame that the message gives it in.
+Shape shape_of(const proto::Wall& wall) {
+  Shape shape;
+  switch (wall.shape_case()) {
+    case proto::Wall::kBox:
+      shape.kind = Shape::Kind::kBox;
+      shape.size = numbers<3>(wall.box().size()) / 2;
+      break;
+    case proto::Wall::kSphere:
+      shape.kind = Shape::Kind::kCapsule;
+      shape.size = {wall.sphere().radius(), 0, 0};
+      break;
+    case proto::Wall::kCylinder:
+      shape.kind = Shape::Kind::kCylinder;
+      shape.size = {wall.cylinder().radius(), wall.cylinder().length() / 2, 0};
+      break;
+    case proto::Wall::kCapsule:
+      shape.kind = Shape::Kind::kCapsule;
+      shape.size = {wall.capsule().radius(), wall.capsule().length() / 2, 0};
+      break;
+    case proto::Wall::kPlane:
+    case proto::Wall::SHAPE_NOT_SET: break;
+  }
+  const Eigen::Vector4d q = numbers<4>(wall.orientation());
+  shape.O_T_S.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
+  shape.O_T_S.translation() = numbers<3>(wall.position());
+  return shape;
+}
+
+// The capsule around a body that is held: about its longest axis.
+bool hold(realtime::ArmCapsules& arm, const Shape& shape) {
+  const Vector3& size = shape.size;
+  int axis = 2;
+  double half = size[1], radius = size[0];
+  if (shape.kind == Shape::Kind::kBox) {
+    half = size.maxCoeff(&axis);
+    radius = std::hypot(size[(axis + 1) % 3], size[(axis + 2) % 3]);
+  }
+  const Vector3 way = half * Vector3::Unit(axis);
+  return arm.hold(shape.O_T_S * Vector3(-way), shape.O_T_S * way, radius);
+}
+
+std::string name_of_link(int link) {
+  return link == realtime::ArmCapsules::kFlange ? "the hand or what it holds" : fmt::format("link {}", link);
+}
+
+[[noreturn]] void refuse(const std::string& text) { throw Refused(proto::Error::INVALID_ARGUMENT, text); }
+
+}  // namespace
+
+WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd) : fd_(fd) {
+  for (proto::Wall wall : fixed) {
+    wall.set_fixed(true);
+    put(wall, entries_, ++last_id_);
+  }
+  if (fd_ >= 0) load();
+}
+
+void WallStore::load() {
+  struct stat file {};
+  if (fstat(fd_, &file) != 0 || file.st_size == 0) return;
+  std::string bytes(static_cast<std::size_t>(file.st_size), 0);
+  proto::Walls walls;
+  if (pread(fd_, bytes.data(), bytes.size(), 0) != file.st_size || !walls.ParseFromString(bytes)) {
+    spdlog::error("the walls of clients could not be read again and are gone: add them anew");
+    return;
+  }
+  for (const proto::Wall& wall : walls.walls()) put(wall, entries_, ++last_id_);
+}
+
+void WallStore::save() const {
+  proto::Walls walls;
+  for (const auto& [name, entry] : entries_) {
+    if (!entry.wall.fixed()) *walls.add_walls() = entry.wall;
+  }
+  const std::string bytes = walls.SerializeAsString();
+  if (pwrite(fd_, bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) failed("pwrite");
+  if (ftruncate(fd_, static_cast<off_t>(bytes.size())) != 0) failed("ftruncate");
+}
+
+void WallStore::put(const proto::Wall& wall, std::map<std::string, Entry>& into, std::uint32_t id) {
+  if (wall.name().size() > kLongestName) {
+    refuse(fmt::format("Wall.name has {} bytes: expected at most {}", wall.name().size(), kLongestName));
+  }
+  if (wall.shape_case() == proto::Wall::SHAPE_NOT_SET) {
+    refuse(fmt::format("Wall \"{}\" has no shape: expected plane, box, sphere, cylinder or capsule", wall.name()));
+  }
+  if (wall.held() && wall.has_plane()) {
+    refuse(fmt::format("Wall \"{}\" is held and a plane: expected a body of finite size", wall.name()));
+  }
+  into[wall.name()] = {id, wall};
+}
+
+void WallStore::change(const proto::ChangeWalls& change) {
+  auto entries = entries_;
+  auto id = last_id_;
+  const auto keep_fixed = [&](const std::string& name) {
+    const auto found = entries.find(name);
+    if (found != entries.end() && found->second.wall.fixed()) {
+      refuse(fmt::format("wall \"{}\" is of the server's configuration: only its file changes it", name));
+    }
+    return found;
+  };
+  for (const std::string& name : change.remove()) {
+    const auto found = keep_fixed(name);
+    if (found == entries.end()) refuse(fmt::format("there is no wall \"{}\"", name));
+    entries.erase(found);
+  }
+  for (proto::Wall wall : change.put()) {
+    keep_fixed(wall.name());
+    wall.clear_fixed();
+    put(wall, entries, ++id);
+  }
+  const auto held = std::count_if(entries.begin(), entries.end(), [](const auto& each) { return each.second.wall.held(); });
+  constexpr int kMostHeld = realtime::ArmCapsules::kMostHeld;
+  if (held > kMostHeld) refuse(fmt::format("{} bodies would be held: expected at most {}", held, kMostHeld));
+  if (const auto walls = static_cast<long>(entries.size()) - held; walls > realtime::Walls::kMost) {
+    refuse(fmt::format("there would be {} walls: expected at most {}, which is what the 1 kHz loop can look at in a cycle", walls,
+                       realtime::Walls::kMost));
+  }
+  entries_ = std::move(entries);
+  last_id_ = id;
+  if (fd_ >= 0) save();
+}
+
+proto::Walls WallStore::list() const {
+  proto::Walls out;
+  for (const auto& [name, entry] : entries_) *out.add_walls() = entry.wall;
+  return out;
+}
+
+std::unique_ptr<realtime::Walls> WallStore::make(const models::Arm& arm, bool hand) const {
+  auto out = std::make_unique<realtime::Walls>(realtime::Walls{realtime::ArmCapsules(arm, hand), {}});
+  for (const auto& [name, entry] : entries_) {
+    const Shape shape = shape_of(entry.wall);
+    if (entry.wall.held()) {
+      hold(out->arm, shape);
+    } else {
+      out->walls.push_back({entry.id, shape});
+    }
+  }
+  return out;
+}
+
+std::string WallStore::name(std::uint32_t id) const {
+  for (const auto& [name, entry] : entries_) {
+    if (entry.id == id) return name;
+  }
+  return {};
+}
+
+void check_walls(const realtime::Walls& walls, const WallStore& names, std::span<const realtime::Vector7> way,
+                 const std::string& what) {
+  if (walls.walls.empty() || way.empty()) return;
+  const auto& capsules = walls.arm.all();
+  realtime::ArmCapsules::Place place;
+  std::vector<double> least;  // of each capsule and wall, where the arm is
+  for (std::size_t k = 0; k < way.size(); ++k) {
+    walls.arm.place(way[k], place);
+    std::size_t pair = 0;
+    for (std::size_t c = 0; c < capsules.size(); ++c) {
+      for (const auto& wall : walls.walls) {
+        const double distance = realtime::nearest(wall.shape, place.a[c], place.b[c]).distance - capsules[c].radius;
+        if (k == 0) {
+          least.push_back(std::min(distance - 1e-4, realtime::WallGuard::kClearance));
+        } else if (distance < least[pair]) {
+          const double share = static_cast<double>(k) / static_cast<double>(way.size() - 1);
+          refuse(fmt::format("{}: {} would come {} wall \"{}\" {}: motions keep {:.0f} mm away from it. Choose another goal or way, or "
+                             "change the wall (fa.walls)",
+                             what, name_of_link(capsules[c].link),
+                             distance < 0 ? fmt::format("{:.0f} mm into", -1e3 * distance) : fmt::format("within {:.0f} mm of", 1e3 * distance),
+                             names.name(wall.id), k + 1 == way.size() ? "at its goal" : fmt::format("at {:.0f} % of its way", 100 * share),
+                             1e3 * realtime::WallGuard::kClearance));
+        }
+        ++pair;
+      }
+    }
+  }
+}
+
+}  // namespace server

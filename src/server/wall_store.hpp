@@ -1,0 +1,54 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "frankapy/proto/walls.pb.h"
+#include "models/arm.hpp"
+#include "realtime/walls/wall_guard.hpp"
+
+namespace server {
+
+// The walls of an arm by name: of its configuration, which no client changes, and of clients. It makes of them what the loop has.
+class WallStore {
+ public:
+  // Those of the configuration, and those of clients in a file that outlives this process (-1: none), which is kept as they are.
+  explicit WallStore(const std::vector<frankapy::proto::Wall>& fixed, int fd = -1);
+
+  // Throws Refused: a wall without a shape or of a name that is fixed, one to remove that is not there, more than the loop can
+  // look at in a cycle. Nothing is changed then.
+  void change(const frankapy::proto::ChangeWalls& change);
+
+  frankapy::proto::Walls list() const;
+
+  // For an arm, with or without a hand.
+  std::unique_ptr<realtime::Walls> make(const models::Arm& arm, bool hand) const;
+
+  // Of realtime::Wall::id; empty for 0 or one that is no more.
+  std::string name(std::uint32_t id) const;
+
+ private:
+  struct Entry {
+    std::uint32_t id;
+    frankapy::proto::Wall wall;
+  };
+  static void put(const frankapy::proto::Wall& wall, std::map<std::string, Entry>& into, std::uint32_t id);
+
+  void load();
+  void save() const;
+
+  int fd_;
+  std::map<std::string, Entry> entries_;
+  std::uint32_t last_id_ = 0;
+};
+
+// Checks the way of a motion, postures (rad) in order of which the first is where the arm is: none may bring it nearer to a wall
+// than the loop lets it come, or nearer than it is. Throws Refused that says what would touch which wall, and where.
+// `what`: the kind of the motion.
+void check_walls(const realtime::Walls& walls, const WallStore& names, std::span<const realtime::Vector7> way,
+                 const std::string& what);
+
+}  // namespace server

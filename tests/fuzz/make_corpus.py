@@ -1,0 +1,156 @@
+"""Write the corpora of the fuzz targets: whole sessions in the versions that differ. `make_corpus.py [FOLDER]`."""
+
+import math
+import struct
+import sys
+from pathlib import Path
+
+# Steps of client_to_arm.cpp and arm_to_client.cpp.
+ROBOT_TCP, ROBOT_UDP, ROBOT_COMMAND, CYCLES, NEW_ROBOT_CLIENT, GRIPPER_TCP, NEW_GRIPPER_CLIENT = range(7)
+TCP, UDP = range(2)
+ROBOT, HAND = b"\0", b"\1"
+
+OLD_IDS = {"collision": 4, "joint": 5, "cartesian": 6, "guiding": 7, "k": 8, "ee": 9, "load": 10, "recovery": 12,
+           "limit": 3, "filters": 11, "library": 13}  # fmt: skip
+IDS = {
+    5: OLD_IDS,
+    6: {"collision": 3, "joint": 4, "cartesian": 5, "guiding": 6, "k": 7, "ee": 8, "load": 9, "recovery": 10, "library": 11},
+    9: {"collision": 3, "joint": 4, "cartesian": 5, "guiding": 6, "k": 7, "ee": 8, "load": 9, "recovery": 10,
+        "library": 11, "model": 12},
+    10: {"collision": 3, "joint": 4, "cartesian": 5, "guiding": 6, "k": 7, "ee": 8, "load": 9, "recovery": 10, "model": 11},
+}  # fmt: skip
+COMMAND_SIZE = {5: 370, 6: 370, 9: 371, 10: 371}
+STATE_SIZE = {5: 2373, 6: 2373, 9: 2373, 10: 1377}
+HOME = [0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4]
+IDENTITY = [float(i % 5 == 0) for i in range(16)]
+
+
+def step(what: int, payload: bytes = b"") -> bytes:
+    """One step of a script."""
+    return struct.pack("<BH", what, len(payload)) + payload
+
+
+def request(command: int, number: int, body: bytes = b"") -> bytes:
+    """A message to or from the robot."""
+    return struct.pack("<III", command, number, 12 + len(body)) + body
+
+
+def hand_request(command: int, number: int, body: bytes = b"") -> bytes:
+    """A message to or from the hand."""
+    return struct.pack("<HII", command, number, 10 + len(body)) + body
+
+
+def doubles(*values: float) -> bytes:
+    """Packed as on the wire."""
+    return struct.pack(f"<{len(values)}d", *values)
+
+
+def move(version: int, controller: int, generator: int) -> bytes:
+    """A Move request's body."""
+    body = struct.pack("<II", controller, generator) + doubles(10, 3.12, 2 * math.pi) * 2
+    return body + (bytes([0]) + doubles(*[1.0] * 7) if version == 10 else b"")
+
+
+def command(version: int, q: list[float], *, finished: bool = False) -> bytes:
+    """A command datagram; its message_id is put in when it is sent."""
+    bytes_ = struct.pack("<Q", 0) + doubles(*q, *[0.0] * 7, *IDENTITY, *[0.0] * 6, *[0.0] * 2)
+    bytes_ += bytes([0, finished]) + doubles(*[0.0] * 7)
+    return bytes_ + bytes([finished] if COMMAND_SIZE[version] == 371 else [])
+
+
+def to_arm(version: int) -> dict[str, bytes]:
+    """Sessions of a client of this version."""
+    ids = IDS[version]
+    connect = step(ROBOT_TCP, request(0, 0, struct.pack("<HH", version, 40000)))
+    settings = b"".join(
+        step(ROBOT_TCP, request(ids[name], number, body))
+        for number, (name, body) in enumerate(
+            {
+                "collision": doubles(*[20.0] * 52),
+                "joint": doubles(*[3000.0] * 7),
+                "cartesian": doubles(*[300.0] * 6),
+                "guiding": bytes([1] * 7),
+                "k": doubles(*IDENTITY),
+                "ee": doubles(*IDENTITY),
+                "load": doubles(0.5, 0, 0, 0.1, *[0.001 * (i % 4 == 0) for i in range(9)]),
+                "recovery": b"",
+            }.items(),
+            1,
+        )
+    )
+    if "model" in ids:
+        settings += step(ROBOT_TCP, request(ids["model"], 20))
+    if "filters" in ids:
+        settings += step(ROBOT_TCP, request(ids["filters"], 21, doubles(*[100.0] * 5)))
+        settings += step(ROBOT_TCP, request(ids["limit"], 22, struct.pack("<i", 1)))
+    out = {"settings": connect + settings}
+    for controller in (0, 1, 2):
+        for generator in range(5 if COMMAND_SIZE[version] == 371 else 4):
+            motion = connect + step(ROBOT_TCP, request(1, 30, move(version, controller, generator)))
+            for i in range(4):
+                motion += step(ROBOT_COMMAND, command(version, [q + 1e-5 * i for q in HOME]))
+            out[f"finish-{controller}{generator}"] = motion + step(ROBOT_COMMAND, command(version, HOME, finished=True))
+            out[f"stop-{controller}{generator}"] = motion + step(ROBOT_TCP, request(2, 31)) + step(CYCLES, bytes(50))
+    out["leave"] = motion + step(NEW_ROBOT_CLIENT) + connect + step(ROBOT_TCP, request(ids["recovery"], 1))
+    out["pieces"] = connect + b"".join(step(ROBOT_TCP, bytes([b])) for b in request(2, 1)) + step(ROBOT_UDP, bytes(40))
+    return out
+
+
+def to_hand() -> dict[str, bytes]:
+    """A client of the hand."""
+    messages = [(0, struct.pack("<HH", 3, 40000)), (1, b""), (3, doubles(0.04, 0.1)),
+                (2, doubles(0.02, 0.005, 0.005, 0.1, 20)), (4, b"")]  # fmt: skip
+    session = b"".join(step(GRIPPER_TCP, hand_request(c, i, body)) + step(CYCLES, bytes(40)) for i, (c, body) in enumerate(messages))
+    return {"hand": session + step(NEW_GRIPPER_CLIENT) + session}
+
+
+def state(version: int, message_id: int, mode: int, controller: int = 0, generator: int = 0) -> bytes:
+    """A state datagram: an arm at home that does nothing."""
+    number = "f" if version == 10 else "d"
+    at = {"q": 596, "mg": 1288, "mode": 1372} if version == 10 else {"q": 1184, "mg": 2280, "mode": 2364}
+    out = bytearray(STATE_SIZE[version])
+    struct.pack_into(f"<Q16{number}", out, 0, message_id, *IDENTITY)
+    struct.pack_into(f"<7{number}", out, at["q"], *HOME)
+    struct.pack_into("<BB", out, at["mg"], generator, controller)
+    out[at["mode"]] = mode
+    return bytes(out)
+
+
+def from_arm(version: int) -> dict[str, bytes]:
+    """What a robot of this version says."""
+    connected = step(TCP, request(0, 0, struct.pack("<BH", 0, version)))
+    states = b"".join(step(UDP, state(version, 1 + i, 1)) for i in range(3))
+    model = step(TCP, request(IDS[version].get("model", 12), 1, b"\0<robot name='x'><link name='link0'/></robot>"))
+    moving = b"".join(step(UDP, state(version, 10 + i, 2, 2, 1)) for i in range(5))
+    answers = step(TCP, request(1, 2, b"\1")) + step(TCP, request(2, 3, b"\0"))
+    return {
+        "session": ROBOT + connected + states + model + moving + answers,
+        "refused": ROBOT + step(TCP, request(0, 0, struct.pack("<BH", 1, version))),
+        "cut": ROBOT + connected + states + step(UDP, state(version, 20, 1)[:-7]) + step(TCP, request(1, 2, b"\1")[:9]),
+    }
+
+
+def from_hand() -> dict[str, bytes]:
+    """What a hand says."""
+    hand_state = struct.pack("<IddBH", 1, 0.04, 0.08, 0, 30)
+    session = step(TCP, hand_request(0, 0, struct.pack("<HH", 0, 3))) + step(UDP, hand_state)
+    return {"hand": HAND + session + step(TCP, hand_request(3, 1, struct.pack("<H", 0)))}
+
+
+def main() -> None:
+    """Write them all."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "corpus"
+    for target, one_version, hand in (("client_to_arm", to_arm, to_hand), ("arm_to_client", from_arm, from_hand)):
+        (folder / target).mkdir(parents=True, exist_ok=True)
+        sessions = {
+            f"v{version}-{name}": data
+            for version in IDS
+            for name, data in one_version(version).items()
+            if version in (5, 10) or name in ("settings", "leave", "session")
+        }
+        for name, data in (sessions | hand()).items():
+            (folder / target / name).write_bytes(data)
+
+
+if __name__ == "__main__":
+    main()

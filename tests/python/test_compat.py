@@ -1,0 +1,329 @@
+"""What scripts published for frankapy rely on: names, numbers, helpers, and rospy's stand-in."""
+
+import inspect
+import os
+import pickle
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+from conftest import HOME, despite_stalls
+
+import frankapy
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmStateClient, RigidTransform, SensorDataMessageType, proto
+from frankapy import FrankaConstants as FC
+from frankapy.cli import COMPAT
+from frankapy.collision_boxes import as_box, meet
+from frankapy.proto_utils import make_sensor_group_msg, messages_of, sensor_proto2ros_msg
+from frankapy.ros_messages import RobotState, SensorData, SensorDataGroup
+from frankapy.ros_utils import BoxesPublisher
+from frankapy.sim import SimulatedArm, Simulation
+
+METHODS = """
+    apply_effector_forces_along_axis apply_effector_forces_torques apply_joint_torques check_box_collision close_gripper
+    execute_cartesian_velocities execute_joint_dmp execute_joint_torques execute_joint_velocities execute_pose_dmp
+    execute_quaternion_pose_dmp get_collision_boxes_poses get_ee_force_torque get_finger_poses get_gripper_is_grasped
+    get_gripper_width get_jacobian get_joint_torques get_joint_velocities get_joints get_links_transforms get_pose
+    get_robot_state get_speed get_tool_base_pose goto_gripper goto_joints goto_pose goto_pose_delta home_gripper
+    is_joints_in_collision_with_boxes is_joints_reachable is_skill_done open_gripper publish_collision_boxes publish_joints
+    publish_sensor_values reset_joints reset_pose run_dynamic_force_position run_guide_mode selective_guidance_mode set_speed
+    set_tool_delta_pose stop_gripper stop_skill wait_for_franka_interface wait_for_gripper wait_for_skill
+    publish_sensor_data log_info get_time is_gripper_skill_done
+""".split()
+
+
+def run_script(text, server="", **options):
+    """Run a script as one for ROS is run here; return what it printed."""
+    environment = os.environ | {"PYTHONPATH": str(COMPAT), "FRANKA_INTERFACE_SERVER": server}
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(text)], env=environment, capture_output=True, text=True, timeout=120, check=False, **options
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+# --- names and numbers -----------------------------------------------------------------------------------------------
+
+
+def test_every_method_is_there_and_says_what_it_does():
+    for name in METHODS:
+        assert inspect.getdoc(getattr(FrankaArm, name)), name
+
+
+def test_what_is_imported_from_where():
+    from frankapy.exceptions import FrankaArmCommException, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
+    from frankapy.franka_interface_common_definitions import SkillStatus, TrajectoryGeneratorType
+    from frankapy.proto import PoseThresholdMessage, sensor_msg_pb2
+
+    assert issubclass(FrankaArmCommException, FrankaArmException)
+    assert issubclass(FrankaArmFrankaInterfaceNotReadyException, FrankaArmException)
+    assert sensor_msg_pb2.BoundingBox is proto.BoundingBox
+    assert list(PoseThresholdMessage(buffer_time=0.2, position_thresholds=[1, 2, 3]).position_thresholds) == [1, 2, 3]
+    assert SkillStatus.VIRT_COLL_ERR == 3
+    assert TrajectoryGeneratorType.StayInInitialPoseTrajectoryGenerator == 25
+    assert frankapy.FeedbackControllerType.SetInternalImpedanceFeedbackController == 8
+    assert frankapy.TerminationHandlerType.TimeTerminationHandler == 4
+    assert frankapy.SkillType.JointVelocitySkill == 6
+    assert SensorDataMessageType.JOINT_POSITION == 6 and SensorDataMessageType.SHOULD_TERMINATE == 11
+
+
+def test_messages_that_describe_parts_are_messages():
+    names = [name for name in vars(proto) if name.endswith(("GeneratorMessage", "ControllerMessage", "HandlerMessage"))]
+    names += ["RunTimeMessage", "JointThresholdMessage", "PoseThresholdMessage"]
+    assert len(set(names)) == 20
+    message = proto.ImpulseTrajectoryGeneratorMessage(run_time=1, acc_time=0.2, max_trans=0, max_rot=0, forces=np.arange(3))
+    again = type(message).FromString(message.SerializeToString())
+    assert again == message and list(again.forces) == [0, 1, 2]
+    with pytest.raises(Exception, match="run_time"):
+        proto.ImpulseTrajectoryGeneratorMessage().SerializeToString()
+
+
+def test_without_the_folder_there_is_no_rospy():
+    assert subprocess.run([sys.executable, "-c", "import rospy"], capture_output=True, check=False).returncode == 1
+
+
+# --- helpers ---------------------------------------------------------------------------------------------------------
+
+
+def test_groups_hold_what_was_packed():
+    pose = proto.PosePositionSensorMessage(id=1, timestamp=0.1, position=np.ones(3), quaternion=[1, 0, 0, 0])
+    end = proto.ShouldTerminateSensorMessage(timestamp=0.1, should_terminate=True)
+    packed = sensor_proto2ros_msg(pose, SensorDataMessageType.POSE_POSITION, info="a pose")
+    assert (packed.type, packed.info, packed.size) == (10, "a pose", len(packed.sensorData))
+    group = make_sensor_group_msg(
+        trajectory_generator_sensor_msg=packed,
+        termination_handler_sensor_msg=sensor_proto2ros_msg(end, SensorDataMessageType.SHOULD_TERMINATE),
+    )
+    assert group.has_trajectory_generator_sensor_data and not group.has_feedback_controller_sensor_data
+    assert messages_of(group) == [pose, end]
+
+
+def test_what_does_not_fit_its_type_is_refused():
+    with pytest.raises(FrankaArmArgumentError, match="a ShouldTerminateSensorMessage as type 10: expected PosePos"):
+        sensor_proto2ros_msg(proto.ShouldTerminateSensorMessage(), SensorDataMessageType.POSE_POSITION)
+    for data in (SensorData(type=99), SensorData(type=10, sensorData=b"\xff\xff")):
+        with pytest.raises(FrankaArmArgumentError, match=f"trajectory generator's sensor data is of type {data.type} and has"):
+            messages_of(make_sensor_group_msg(trajectory_generator_sensor_msg=data))
+
+
+def test_boxes_meet_where_they_have_a_point_in_common():
+    random = np.random.default_rng(0)
+    found = {True: 0, False: 0}
+    for _ in range(300):
+        boxes = [as_box(np.r_[random.uniform(-0.4, 0.4, 3), random.uniform(-3, 3, 3), random.uniform(0.05, 0.5, 3)]) for _ in range(2)]
+        (pose, size), (other, other_size) = boxes
+        points = random.uniform(-0.5, 0.5, (20000, 3)) * size @ pose[:3, :3].T + pose[:3, 3]
+        inside = np.abs((points - other[:3, 3]) @ other[:3, :3]) <= other_size / 2
+        answer = meet(*boxes[0], *boxes[1])
+        assert answer == meet(*boxes[1], *boxes[0])
+        if inside.all(axis=1).any():
+            assert answer
+        else:  # at most they touch: a little smaller they do not
+            assert not meet(pose, 0.9 * size, other, 0.9 * other_size)
+        found[answer] += 1
+    assert min(found.values()) > 50
+
+
+def test_the_arm_as_boxes():
+    fa = FrankaArm(offline=True)
+    tool = fa.get_links_transforms(HOME)[-1][:3, 3]
+    assert len(fa.get_collision_boxes_poses(HOME)) == len(FC.COLLISION_BOX_SHAPES) == 12
+    poses = fa.get_collision_boxes_poses(HOME, use_rigid_transforms=True)
+    assert (poses[3].from_frame, poses[3].to_frame) == ("box3", "world")
+    assert fa.check_box_collision([*tool, 0, 0, 0, 0.1, 0.1, 0.2], HOME)
+    assert not fa.check_box_collision(np.array([*tool - [0, 0, 0.3], 0, 0, 0, 0.1, 0.1, 0.1]), HOME)
+    assert not fa.is_joints_in_collision_with_boxes(HOME)
+    assert fa.is_joints_in_collision_with_boxes(HOME, boxes=[[*tool, 0, 0, 0.7, 0.1, 0.1, 0.2]])
+    assert fa.is_joints_in_collision_with_boxes([-0.16, 1.12, 0.26, -0.67, 0.05, 2.08, 0.82])  # behind the front wall
+    with pytest.raises(FrankaArmArgumentError, match="box has 3 elements: expected 9"):
+        fa.check_box_collision([1, 2, 3], HOME)
+
+
+def test_boxes_are_rows_of_nine_or_ten():
+    publisher = BoxesPublisher("boxes")
+    publisher.publish_boxes([np.zeros(9), np.zeros(10)])
+    with pytest.raises(ValueError, match="Invalid format for box"):
+        publisher.publish_boxes([np.zeros(8)])
+
+
+def test_poses_survive_being_pickled():
+    pose = RigidTransform(RigidTransform.z_axis_rotation(0.3), [1, 2, 3], "franka_tool", "world")
+    again = pickle.loads(pickle.dumps([pose]))[0]
+    np.testing.assert_array_equal(again.matrix, pose.matrix)
+    assert (again.from_frame, again.to_frame) == ("franka_tool", "world")
+
+
+def test_a_state_has_its_fields_in_any_letters():
+    state = RobotState(proto.ArmState(robot=proto.RobotState(q=[1] * 7, O_T_EE=[0] * 16, errors=["joint_reflex"])))
+    assert state.q == (1,) * 7 and state.o_t_ee == state.O_T_EE == (0,) * 16
+    assert state.current_errors.joint_reflex and not state.current_errors.cartesian_reflex
+    with pytest.raises(AttributeError, match="no 'qq'"):
+        _ = state.qq
+
+
+# --- rospy's stand-in ------------------------------------------------------------------------------------------------
+
+
+def test_times_and_durations_count_as_in_ros():
+    run_script("""
+        import rospy
+        one, half = rospy.Time(1, 0), rospy.Duration(0.5)
+        assert (one + half).to_sec() == 1.5 and (one - half).to_nsec() == 500_000_000
+        assert one - rospy.Time(0, 250_000_000) == rospy.Duration(0, 750_000_000)
+        assert (half * 3).to_sec() == 1.5 and half / rospy.Duration(2) == 0.25 and -half < half
+        assert rospy.Duration.from_sec(2.25).secs == 2 and rospy.Duration.from_sec(2.25).nsecs == 250_000_000
+        assert abs(rospy.Time.now().to_time() - rospy.get_time()) < 1 and rospy.Time().is_zero()
+        assert rospy.Time(3) == rospy.Time(3) and rospy.Time(3) != rospy.Duration(3)
+    """)
+
+
+def test_a_rate_is_kept_and_a_timer_calls():
+    run_script("""
+        import time, rospy
+        rospy.init_node("test", anonymous=True)
+        calls = []
+        timer = rospy.Timer(rospy.Duration(0.02), lambda event: calls.append(event.current_real))
+        once = rospy.Timer(rospy.Duration(0.02), lambda event: calls.append("once"), oneshot=True)
+        rate, begin = rospy.Rate(50), time.monotonic()
+        for _ in range(25):
+            rate.sleep()
+        assert time.monotonic() - begin > 0.48
+        timer.shutdown()
+        assert calls.count("once") == 1 and len(calls) > 5
+        ended = []
+        rospy.on_shutdown(lambda: ended.append(1))
+        rospy.signal_shutdown("enough")
+        assert rospy.is_shutdown() and ended == [1]
+        rospy.spin()
+        try:
+            rospy.sleep(1)
+        except rospy.ROSInterruptException:
+            ended.append(2)
+        assert ended == [1, 2]
+    """)
+
+
+def test_log_lines_and_topics_of_ones_own():
+    out = run_script("""
+        import rospy
+        from autolab_core import Point, RigidTransform
+        from sensor_msgs.msg import JointState
+        rospy.loginfo("%d joints", 7)
+        rospy.logdebug("not this")
+        for _ in range(3):
+            rospy.loginfo_once("only once")
+        got = []
+        rospy.Subscriber("own", JointState, lambda message, extra: got.append((message.name, extra)), callback_args=5)
+        rospy.Publisher("/own", JointState, queue_size=1).publish(name=["a"])
+        while not got:
+            rospy.sleep(0.01)
+        assert got == [(["a"], 5)]
+        p = RigidTransform(translation=[0, 0, 1], from_frame="camera") * Point([1, 2, 3], "camera")
+        assert list(p.data) == [1, 2, 4] and p.frame == "world"
+    """)
+    assert "]: 7 joints" in out and out.count("only once") == 1 and "not this" not in out
+
+
+STREAM = """
+    import time
+    import numpy as np
+    import rospy
+    from autolab_core import RigidTransform
+    from frankapy import FrankaArm, SensorDataMessageType
+    from frankapy import FrankaConstants as FC
+    from frankapy.proto_utils import sensor_proto2ros_msg, make_sensor_group_msg
+    from frankapy.proto import PosePositionSensorMessage, ShouldTerminateSensorMessage, CartesianImpedanceSensorMessage
+    from franka_interface_msgs.msg import RobotState, SensorDataGroup
+    from frankapy.utils import min_jerk_weight
+    from sensor_msgs.msg import JointState
+
+    fa = FrankaArm()
+    states = []
+    rospy.Subscriber("/robot_state_publisher_node_1/robot_state", RobotState, states.append)
+    fingers = rospy.wait_for_message("/franka_gripper_1/joint_states", JointState, timeout=10)
+    assert abs(sum(fingers.position) - fa.get_gripper_width()) < 1e-3
+    p0 = fa.get_pose()
+    p1 = p0.copy()
+    p1.translation[2] -= 0.1
+    pub = rospy.Publisher(FC.DEFAULT_SENSOR_PUBLISHER_TOPIC, SensorDataGroup, queue_size=1000)
+    rate = rospy.Rate(50)
+    fa.goto_pose(p0, duration=2, dynamic=True, buffer_time=1e4, cartesian_impedances=[600.0, 600.0, 400.0, 50.0, 50.0, 50.0])
+    begin = rospy.Time.now().to_time()
+    for i in range(100):
+        now = rospy.Time.now().to_time() - begin
+        pose = p0.interpolate_with(p1, min_jerk_weight(i / 99, 1))
+        pub.publish(make_sensor_group_msg(
+            trajectory_generator_sensor_msg=sensor_proto2ros_msg(
+                PosePositionSensorMessage(id=i, timestamp=now, position=pose.translation, quaternion=pose.quaternion),
+                SensorDataMessageType.POSE_POSITION),
+            feedback_controller_sensor_msg=sensor_proto2ros_msg(
+                CartesianImpedanceSensorMessage(id=i, timestamp=now, translational_stiffnesses=[600.0, 600.0, 400.0 + 4 * i],
+                                                rotational_stiffnesses=FC.DEFAULT_ROTATIONAL_STIFFNESSES),
+                SensorDataMessageType.CARTESIAN_IMPEDANCE)))
+        rate.sleep()
+    time.sleep(1.5)
+    assert not fa.is_skill_done()
+    assert len(states) > 50 and len(states[-1].q) == 7 and states[-1].q != states[0].q
+    pub.publish(make_sensor_group_msg(termination_handler_sensor_msg=sensor_proto2ros_msg(
+        ShouldTerminateSensorMessage(timestamp=0.0, should_terminate=True), SensorDataMessageType.SHOULD_TERMINATE)))
+"""
+
+
+@despite_stalls
+def test_a_script_that_streams_runs_as_it_is_and_may_end_right_after_its_last_message():
+    with Simulation(SimulatedArm(robot="fer", ideal=True)) as simulation:
+        with FrankaArm(server=simulation.server) as fa:
+            fa.goto_joints(HOME, 1)
+            before = fa.get_pose().translation
+        run_script(STREAM, simulation.server)
+        fa = FrankaArm(server=simulation.server)
+        fa.wait_for(lambda state: state.skill_id == 0, 20)  # it was told to end
+        np.testing.assert_allclose(fa.get_pose().translation - before, [0, 0, -0.1], atol=0.01)
+
+
+@despite_stalls
+def test_sensor_values_go_into_the_skill_without_rospy_too():
+    with Simulation(SimulatedArm(robot="fer", ideal=True)) as simulation, FrankaArm(server=simulation.server) as fa:
+        fa.goto_joints(HOME, 1)
+        goal = HOME + [0, 0, 0, 0, 0, 0, 0.3]
+        assert fa.publish_sensor_values() is False
+        fa.goto_joints(HOME, duration=60, dynamic=True)
+        for i in range(60):
+            message = proto.JointPositionSensorMessage(id=i, timestamp=0, joints=HOME + (goal - HOME) * min(1, i / 40))
+            fa.publish_sensor_values(
+                make_sensor_group_msg(sensor_proto2ros_msg(message, SensorDataMessageType.JOINT_POSITION))
+            )
+            time.sleep(0.02)
+        fa.wait_for(lambda state: abs(state.robot.q[6] - goal[6]) < 0.005, 10)
+        end = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True)
+        fa.publish_sensor_data(
+            make_sensor_group_msg(
+                termination_handler_sensor_msg=sensor_proto2ros_msg(end, SensorDataMessageType.SHOULD_TERMINATE)
+            )
+        )
+        fa.wait_for_skill()
+        assert fa.last_skill_result.termination == "SensorSays"
+
+
+def test_a_state_client_reads_while_another_commands(fa, ideal_arm, monkeypatch):
+    monkeypatch.setenv("FRANKA_INTERFACE_SERVER", ideal_arm.server)
+    client = FrankaArmStateClient()
+    data = client.get_data()
+    np.testing.assert_allclose(data["joints"], HOME, atol=0.002)
+    np.testing.assert_allclose(client.get_joints(), fa.get_joints(), atol=0.002)
+    assert client.get_pose().from_frame == "franka_tool_base"
+    np.testing.assert_allclose(client._get_current_robot_state().robot_state.O_T_EE[12:15], client.get_pose().translation, atol=0.001)
+    assert SensorDataGroup() == make_sensor_group_msg()
+
+
+def test_a_script_may_forget_its_skill_and_send_another(fa):
+    fa.goto_joints(HOME + 0.1, 20, block=False, ignore_virtual_walls=True)
+    assert fa._in_skill
+    fa.stop_skill()
+    fa.goto_joints(HOME, 20, block=False)
+    fa._in_skill = False
+    fa.stop_skill()
+    assert fa.is_skill_done()

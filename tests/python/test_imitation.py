@@ -1,0 +1,298 @@
+"""From a hand that leads the arm to a motion that the arm makes: recording, smoothing, learning, execution."""
+
+import pickle
+
+import numpy as np
+import pytest
+from conftest import HOME
+
+from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp
+from frankapy.demonstration import Demonstration
+from frankapy.parts import InternalImpedance
+
+
+def bow(n=600, duration=3.0):
+    """A smooth motion of the joints: there, with a bow."""
+    s = np.linspace(0, 1, n)
+    p = s**3 * (10 - 15 * s + 6 * s**2)
+    way = np.outer(p, [0.3, 0.1, -0.2, 0.2, 0.1, -0.1, 0.4]) + np.outer(4 * p * (1 - p), [0, 0.1, 0, 0, 0.2, 0, 0])
+    return Demonstration(s * duration, HOME + way)
+
+
+def turn(angle, n=600, duration=3.0):
+    """The tool goes along a bow and turns about its axis by an angle, rad."""
+    s = np.linspace(0, 1, n)
+    p = s**3 * (10 - 15 * s + 6 * s**2)
+    positions = [0.307, 0, 0.487] + np.outer(p, [0.1, -0.1, -0.1]) + np.outer(4 * p * (1 - p), [0, 0, 0.05])
+    down = RigidTransform(np.diag([1.0, -1, -1]), np.zeros(3))
+    spin = [RigidTransform(RigidTransform.z_axis_rotation(angle * each), np.zeros(3), "world", "world") for each in p]
+    orientations = np.array([RigidTransform(each.rotation @ down.rotation, np.zeros(3)).quaternion for each in spin])
+    return Demonstration(s * duration, None, positions, orientations)
+
+
+def angle_between(a, b):
+    return 2 * np.arccos(np.minimum(np.abs(np.sum(a * b, axis=-1)), 1))
+
+
+# --- demonstrations --------------------------------------------------------------------------------------------------
+
+
+def test_rests_part_a_demonstration():
+    s = np.linspace(0, 1, 200)
+    p = s**3 * (10 - 15 * s + 6 * s**2)
+    rest = np.zeros(150)
+    path = np.concatenate([rest, 0.3 * p, rest + 0.3, 0.3 - 0.2 * p, rest + 0.1])
+    whole = Demonstration(np.arange(len(path)) * 0.01, None, np.column_stack([path, 0 * path, 0 * path]))
+    first, second = whole.segments()
+    assert first.duration == pytest.approx(2.0, abs=0.3) and second.duration == pytest.approx(2.0, abs=0.3)
+    np.testing.assert_allclose(first.positions[[0, -1], 0], [0, 0.3], atol=0.002)
+    np.testing.assert_allclose(second.positions[[0, -1], 0], [0.3, 0.1], atol=0.002)
+    assert whole.trimmed().duration == pytest.approx(1.5 + 4, abs=0.3)
+    assert len(whole.segments(least=5)) == 1
+    with pytest.raises(FrankaArmArgumentError, match="nothing moves"):
+        Demonstration([0, 0.1, 0.2, 0.3], np.zeros((4, 7))).trimmed()
+
+
+def test_smoothing_takes_the_tremor_and_leaves_the_motion():
+    clean = turn(1.0)
+    random = np.random.default_rng(0)
+    noisy = Demonstration(clean.times, None, clean.positions + 0.001 * random.standard_normal((600, 3)), clean.orientations)
+    smooth = noisy.smooth(0.05)
+    at = np.column_stack([np.interp(clean.times, smooth.times, column) for column in smooth.positions.T])
+    assert np.abs(at - clean.positions)[50:-50].max() < 0.0008 and np.abs(at - clean.positions).max() < 0.004
+    jerk = lambda demonstration: np.abs(np.diff(demonstration.positions, 3, axis=0)).max()  # noqa: E731
+    assert jerk(smooth) < jerk(noisy) / 50
+    np.testing.assert_allclose(np.linalg.norm(smooth.orientations, axis=1), 1)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: Demonstration([0], np.zeros((1, 7))), "has 1 samples: expected at least 2"),
+        (lambda: Demonstration([0, 0.1, 0.1], np.zeros((3, 7))), r"times\[2\] is 0.1 s after 0.1 s"),
+        (lambda: Demonstration([0, 0.1, 2], np.zeros((3, 7))), "a gap of 1.90 s at 0.10 s"),
+        (lambda: Demonstration([0, 0.01], np.outer([0, 1], np.ones(7))), "joints jump by 1.000 rad in 0.0100 s"),
+        (lambda: Demonstration([0, 0.1], np.full((2, 7), np.nan)), r"joints\[0, 0\] is nan"),
+        (lambda: Demonstration([0, 0.1], np.zeros((2, 6))), r"joints has the shape \(2, 6\): expected \(2, 7\)"),
+        (lambda: Demonstration([0, 0.1]), "neither joints nor positions"),
+        (lambda: Demonstration([0, 0.1], None, np.zeros((2, 3)), np.zeros((2, 4))), "norms of 0.000 to 0.000"),
+        (lambda: Demonstration([0, 0.1], None, None, np.tile([1, 0, 0, 0], (2, 1))), "neither joints nor positions"),
+        (lambda: Demonstration([0, 0.1], "far"), "joints are no numbers"),
+        (lambda: bow().smooth(10), "width is 10 s"),
+        (lambda: bow().cut(5, 6), "0 samples of 600 are there"),
+        (lambda: dmp.fit([], "joint"), "no demonstration"),
+        (lambda: dmp.fit(bow(), "elbow"), "kind is 'elbow': expected one of joint, position, pose"),
+        (lambda: dmp.fit(bow(), "pose"), "lacks what a primitive of pose is learned from"),
+        (lambda: dmp.fit(bow(), "joint", basis=1), "basis is 1: expected 2 to 100"),
+        (lambda: dmp.fit(bow(), "joint", method="magic"), "method is 'magic'"),
+        (lambda: dmp.fit(bow(), "joint").part(0), "duration is 0 s: expected 0.01 to 120 s"),
+        (lambda: dmp.fit(bow(), "joint").part(goal=[1, 2]), "goal has 2 elements: expected 7"),
+        (lambda: dmp.fit(bow(), "joint").part(sensor_values=[1, 2]), r"sensor_values has the shape \(2,\): expected \(1,\)"),
+        (lambda: dmp.fit(bow(), "joint").orientations(), "it has no orientation"),
+    ],
+)
+def test_what_cannot_be_learned_from_is_refused(make, text):
+    with pytest.raises(FrankaArmArgumentError, match=text):
+        make()
+
+
+class Evil:
+    def __reduce__(self):
+        return print, ("run",)
+
+
+def test_files_are_read_back_and_pickles_run_nothing(tmp_path, capsys):
+    demonstration = turn(1.0)
+    demonstration.save(tmp_path / "a.npz")
+    again = Demonstration.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(again.positions, demonstration.positions)
+    assert again.joints is None
+    poses = [RigidTransform(RigidTransform.x_axis_rotation(0.001 * i), [0, 0, 0.001 * i], "franka_tool", "world") for i in range(50)]
+    (tmp_path / "poses.pkl").write_bytes(pickle.dumps(poses))
+    of_poses = Demonstration.load(tmp_path / "poses.pkl")
+    assert of_poses.duration == pytest.approx(0.49)
+    np.testing.assert_allclose(of_poses.positions[-1], [0, 0, 0.049])
+    states = {"q": np.zeros((3, 7)), "O_T_EE": np.tile(np.eye(4).ravel(), (3, 1)), "time_since_skill_started": np.array([0, 0.01, 0.02])}
+    (tmp_path / "guided.pkl").write_bytes(pickle.dumps({0: {"skill_description": "GuideMode", "skill_state_dict": states}}))
+    assert len(Demonstration.load(tmp_path / "guided.pkl")) == 3
+    for name, data, text in (
+        ("evil.pkl", pickle.dumps([Evil()]), "print, which is not made from files"),
+        ("broken.pkl", pickle.dumps(poses)[:-20], "cannot be read as a pickle"),
+        ("other.pkl", pickle.dumps({"a": 1}), "neither a list of poses nor"),
+        ("garbage.npz", b"PK\x03\x04garbage", "archive"),
+        ("broken.npz", (tmp_path / "a.npz").read_bytes()[:500], "archive"),
+        ("nothing.npz", None, "cannot be read: No such file"),
+    ):
+        if data is not None:
+            (tmp_path / name).write_bytes(data)
+        with pytest.raises(FrankaArmArgumentError, match=text):
+            Demonstration.load(tmp_path / name)
+    assert "run" not in capsys.readouterr().out
+    np.savez(tmp_path / "strange.npz", format=np.array("something"), a=np.zeros(3))
+    with pytest.raises(FrankaArmArgumentError, match="is no 'frankapy demonstration 1'"):
+        Demonstration.load(tmp_path / "strange.npz")
+
+
+# --- learning --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("method", "rms"), [("ridge", 2e-4), ("local", 2e-2)])
+def test_a_rollout_is_what_was_demonstrated(method, rms):
+    primitive = dmp.fit(bow(), "joint", method=method)
+    t, y = primitive.rollout()
+    expected = np.column_stack([np.interp(t, bow().times, column) for column in bow().joints.T])
+    assert np.sqrt(np.mean(np.sum((y - expected) ** 2, axis=1))) < rms
+    assert primitive.rms == pytest.approx(np.sqrt(np.mean(np.sum((y - expected) ** 2, axis=1))), rel=0.1)
+    twice, slow = primitive.rollout(duration=6)
+    np.testing.assert_allclose(slow, y, atol=1e-9)
+    assert twice[-1] == 6
+
+
+def test_a_new_goal_is_reached_from_a_new_start():
+    primitive = dmp.fit(turn(1.0), "position")
+    start, goal = [0.4, 0.1, 0.4], [0.3, 0.3, 0.5]
+    y = primitive.rollout(start=start, goal=goal)[1]
+    np.testing.assert_allclose(y[0], start)
+    np.testing.assert_allclose(y[-1], goal, atol=1e-9)
+    np.testing.assert_allclose(primitive.goal, turn(1.0).positions[-1], atol=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [20, 150, -170])
+def test_orientations_turn_by_more_than_120_degrees(degrees):
+    demonstration = turn(np.radians(degrees))
+    primitive = dmp.fit(demonstration, "pose")
+    q = primitive.orientations()
+    times = np.linspace(0, demonstration.duration, len(q))
+    at = demonstration.resampled(len(q)).orientations
+    assert np.degrees(angle_between(q, at).max()) < 1 and len(times) == len(q)
+    assert np.degrees(primitive.rms_angle) < 0.5
+
+
+def test_of_several_demonstrations_the_mean_is_learned():
+    rows = [bow(), bow()]
+    rows[0].joints[:, 0] += 0.1 * np.sin(np.linspace(0, np.pi, 600))
+    rows[1].joints[:, 0] -= 0.1 * np.sin(np.linspace(0, np.pi, 600))
+    rows[1] = Demonstration(rows[1].times * 2, rows[1].joints + 0.2)
+    primitive = dmp.fit(rows, "joint")
+    assert primitive.duration == pytest.approx(4.5)
+    y = primitive.rollout(start=HOME)[1]
+    np.testing.assert_allclose(y[:, 0], bow().resampled(len(y)).joints[:, 0], atol=2e-3)
+    assert 0.05 < primitive.rms < 0.1  # they differ by that
+
+
+def test_primitives_are_written_and_read_and_old_scripts_find_their_dictionaries(tmp_path):
+    primitive = dmp.fit(turn(1.0), "pose")
+    primitive.save(tmp_path / "p.npz")
+    again = dmp.Primitive.load(tmp_path / "p.npz")
+    np.testing.assert_array_equal(again.rollout()[1], primitive.rollout()[1])
+    np.testing.assert_array_equal(again.orientations(), primitive.orientations())
+    assert repr(again) == repr(primitive)
+    primitive.save(tmp_path / "p.pkl")
+    both = pickle.loads((tmp_path / "p.pkl").read_bytes())
+    (tmp_path / "position.pkl").write_bytes(pickle.dumps(both["position"]))
+    info = dmp.load_script(tmp_path / "position.pkl")
+    assert info["num_basis"] == 25 and np.size(info["weights"]) == 75
+    with pytest.raises(FrankaArmArgumentError, match="holds a dictionary with position, quaternion: expected a dictionary with tau"):
+        dmp.load_script(tmp_path / "p.pkl")
+    with pytest.raises(FrankaArmArgumentError, match="is no 'frankapy primitive 1'"):
+        turn(1.0).save(tmp_path / "d.npz")
+        dmp.Primitive.load(tmp_path / "d.npz")
+
+
+def test_what_it_generates_is_drawn_over_what_was_shown():
+    figure = dmp.fit(bow(), "joint").plot(bow())
+    assert len(figure.axes) == 7 and all(len(axes.lines) == 2 for axes in figure.axes)
+
+
+# --- on the arm ------------------------------------------------------------------------------------------------------
+
+
+def lead(arm, fa, way, seconds):
+    """Have the tool led along a way (n, 3) relative to where it is, and return the demonstration."""
+    here = arm.simulation.truth().O_T_TCP[:3, 3]
+    times = 1.5 + np.linspace(0, seconds, len(way))
+    arm.simulation.hand(np.vstack([here, here + way]), np.r_[1.4, times], stiffness=2000, damping=80)
+    return fa.demonstrate(seconds + 3)
+
+
+def test_what_a_hand_shows_the_arm_does(fa, ideal_arm, tmp_path):
+    s = np.linspace(0, 1, 60)
+    p = s**3 * (10 - 15 * s + 6 * s**2)
+    way = np.outer(p, [0.05, 0.15, -0.08]) + np.outer(4 * p * (1 - p), [0, 0, 0.06])
+    shown = lead(ideal_arm, fa, way, 4)
+    assert shown.duration == pytest.approx(7.2, abs=0.2)
+    motion = shown.trimmed().smooth()
+    assert np.linalg.norm(motion.positions[-1] - motion.positions[0] - way[-1]) < 0.03
+
+    fa.goto_joints(motion.joints[0], 2)
+    primitive = dmp.fit(motion, "joint")
+    assert primitive.beyond(fa) == []
+    before = ideal_arm.truth()["cycle"][-1]
+    fa.run(primitive.part(start=fa.get_joints()), InternalImpedance())
+    rows = ideal_arm.truth(since=before)
+    expected = primitive.rollout()[1]
+    begin = int(np.argmax(np.abs(rows["q"] - rows["q"][0]).max(axis=1) > 1e-4))
+    path = rows["O_T_TCP"].reshape(-1, 4, 4)[begin:, 3, :3]
+    away = [np.linalg.norm(path - position, axis=1).min() for position in motion.positions[:: len(motion) // 50]]
+    assert max(away) < 0.005
+    np.testing.assert_allclose(rows["q"][-1], expected[-1], atol=0.02)  # it comes to rest beyond its end
+
+    # The same way for the tool, elsewhere: as a position primitive to another goal.
+    fa.goto_joints(HOME, 2)
+    start = fa.get_pose(include_tool_offset=False).translation
+    goal = start + [0.1, -0.1, -0.05]
+    primitive = dmp.fit(motion, "position")
+    fa.run(primitive.part(2.5, start=start, goal=goal), InternalImpedance())
+    np.testing.assert_allclose(ideal_arm.truth()["O_T_TCP"][-1].reshape(4, 4)[3, :3], goal, atol=0.002)
+
+
+def test_a_pose_is_reproduced_within_two_millimetres_and_a_degree(fa, ideal_arm):
+    fa.goto_joints(HOME, 2)
+    pose = fa.get_pose(include_tool_offset=False)
+    demonstration = turn(np.radians(130))
+    demonstration.positions += pose.translation - demonstration.positions[0]
+    primitive = dmp.fit(demonstration, "pose")
+    assert primitive.beyond(fa) == []
+    before = ideal_arm.truth()["cycle"][-1]
+    fa.run(primitive.part(), InternalImpedance())
+    rows = ideal_arm.truth(since=before)
+    matrices = rows["O_T_TCP"].reshape(-1, 4, 4).transpose(0, 2, 1)
+    moving = np.flatnonzero(np.linalg.norm(np.diff(matrices[:, :3, 3], axis=0), axis=1) > 1e-7)
+    count = round(1000 * demonstration.duration)
+    even = demonstration.resampled(count + 1)
+    best = np.inf, np.inf
+    for begin in range(max(0, moving[0] - 60), moving[0] + 60, 5):
+        part = matrices[begin : begin + count + 1]
+        q = np.array([RigidTransform(matrix[:3, :3], np.zeros(3)).quaternion for matrix in part[::50]])
+        distance = np.sqrt(np.mean(np.sum((part[:, :3, 3] - even.positions[: len(part)]) ** 2, axis=1)))
+        angle = np.degrees(np.sqrt(np.mean(angle_between(q, even.orientations[: len(part) : 50]) ** 2)))
+        best = min(best, (distance, angle))
+    assert best[0] < 0.002 and best[1] < 1
+
+
+def test_what_the_arm_cannot_do_is_said_before(fa):
+    fa.goto_joints(HOME, 2)
+    primitive = dmp.fit(bow(), "joint")
+    assert any("joint 7 reaches" in line for line in primitive.beyond(fa, duration=0.1))
+    assert any("joint 4 goes from" in line for line in primitive.beyond(fa, goal=HOME + [0, 0, 0, 3, 0, 0, 0]))
+    away = dmp.fit(turn(0.1), "position")
+    assert "not reachable" in away.beyond(fa, goal=[1.2, 0, 0.5])[0]
+
+
+def test_from_the_command_line(ideal_arm, fa, tmp_path, capsys):
+    fa.close()
+    shown, learned, picture = tmp_path / "shown.npz", tmp_path / "learned.npz", tmp_path / "learned.png"
+    here = ideal_arm.simulation.truth().O_T_TCP[:3, 3]
+    ideal_arm.simulation.hand(here + [[0, 0, 0], [0, 0.1, 0], [0, 0.1, 0.05]], [1.5, 3, 4.5], stiffness=2000, damping=80)
+    assert cli.main(["demonstrate", str(shown), "--seconds", "6", "--server", ideal_arm.server]) == 0
+    assert cli.main(["learn", str(shown), "--kind", "joint", "--output", str(learned), "--plot", str(picture)]) == 0
+    assert picture.stat().st_size > 10_000
+    with FrankaArm(server=ideal_arm.server) as again:
+        again.goto_joints(HOME, 2)
+    assert cli.main(["imitate", str(learned), "--duration", "3", "--server", ideal_arm.server]) == 0
+    out = capsys.readouterr().out
+    assert "Primitive of joint" in out and "from what it learned" in out
+    primitive = dmp.Primitive.load(learned)
+    with FrankaArm(server=ideal_arm.server) as again:
+        np.testing.assert_allclose(again.get_joints(), primitive.goal, atol=0.01)
+    assert cli.main(["learn", str(tmp_path / "no.npz"), "--output", str(learned)]) == 1

@@ -1,0 +1,263 @@
+"""Recordings: what is in them, that they survive what they are made for, and what can be done with them."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from conftest import HOME, server_processes
+
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, cli, proto
+from frankapy.parts import JointImpedance, Never, RelativeMinJerkJoint, StreamJoint
+from frankapy.recording import Recording
+from frankapy.sim import SimulatedArm, Simulation
+from frankapy.wire_arrays import columns
+
+AWAY = HOME + [0.2, -0.1, 0.1, 0.1, 0, 0.1, 0.3]
+
+
+def newest(folder, what, longest=20.0):
+    """Return the only recording of that name, once it is complete."""
+    until = time.monotonic() + longest
+    while time.monotonic() < until:
+        for path in folder.glob(f"*/*{what}*.mcap"):
+            if (recording := Recording(path)).complete:
+                return recording
+        time.sleep(0.1)
+    raise AssertionError(f"no {what} in {list(folder.rglob('*'))}")
+
+
+@pytest.fixture(scope="module")
+def recorded(start_for_module):
+    """Return a client and the recording of a skill, a stream of sensor messages and an error."""
+    arm = start_for_module(ideal=True)
+    with arm.client() as fa:
+        fa.goto_joints(HOME, 1)
+        with fa.recording() as status:
+            fa.goto_joints(AWAY, 1, skill_desc="there")
+            fa.run(StreamJoint("goal"), JointImpedance(), Never(), block=False, skill_desc="streamed")
+            with fa.publisher("goal") as publisher:
+                for _ in range(10):
+                    publisher.publish(proto.JointPositionSensorMessage(joints=AWAY))
+                    time.sleep(0.01)
+            fa.stop_skill()
+        yield fa, Recording(status().file)
+
+
+def test_every_cycle_is_in_it(recorded):
+    _, recording = recorded
+    states = recording.states
+    assert recording.complete and recording.about["arm"] == "arm1"
+    cycles = states["cycles"]
+    moving = states["phase"] == proto.RUNNING
+    first, last = np.flatnonzero(moving)[[0, -1]]
+    idle = states["phase"] == proto.READY
+    whole = ~idle[first:last] & ~idle[first + 1 : last + 1]
+    assert np.all(np.diff(cycles[first : last + 1])[whole] == 1)
+    assert states["q"].shape == (len(recording), 7)
+    assert np.abs(states["q"][last] - AWAY).max() < 0.01
+    assert np.all(np.isfinite(states["command.tau_J_d"][moving & (states["controller_mode"] == 2)]))
+    assert np.all(np.diff(states["time"]) >= 0)
+    assert abs(recording.start - time.time()) < 600
+
+
+def test_arrays_are_what_the_messages_say(recorded):
+    _, recording = recorded
+    states = recording.states
+    for i in random.Random(1).sample(range(len(recording)), 50):
+        message = proto.ArmState.FromString(recording._raw[i])
+        for name, value in [*((f.name, v) for f, v in message.robot.ListFields()), ("compute_us", message.compute_us),
+                            ("time_ns", message.time_ns), ("cycles", message.cycles), ("skill_id", message.skill_id)]:  # fmt: skip
+            assert np.array_equal(states[name][i], tuple(value) if name in ("errors", "reflex_reason") else value), name
+        if not message.q_ref:
+            assert np.isnan(states["q_ref"][i]).all()
+
+
+def test_skills_and_sensor_messages_are_in_it(recorded):
+    _, recording = recorded
+    started = [event for _, event in recording.skills if event.HasField("started")]
+    ended = [event for _, event in recording.skills if event.HasField("ended")]
+    assert [event.started.description for event in started] == ["there", "streamed"]
+    assert [event.ended.ending for event in ended] == [proto.TERMINATED, proto.STOPPED]
+    assert f"pid {os.getpid()}" in started[0].client
+    messages = recording.sensors["goal"]
+    assert [noted.sequence for noted in messages] == list(range(1, 11))
+    assert np.allclose(messages[0].message.joints, AWAY)
+    assert all(abs(noted.sent - noted.time) < 5 for noted in messages)
+
+
+def test_it_is_told_and_drawn(recorded, tmp_path, capsys):
+    _, recording = recorded
+    assert cli.main(["info", str(recording.path)]) == 0
+    told = capsys.readouterr().out
+    assert "there terminated" in told and "StreamJoint, JointImpedance, Never" in told and "goal: 10 JointPosition" in told
+    assert cli.main(["plot", str(recording.path), "--save", str(tmp_path / "page.png")]) == 0
+    assert (tmp_path / "page.png").stat().st_size > 50_000
+    assert cli.main(["plot", str(recording.path), "--save", str(tmp_path / "page.doc")]) == 1
+
+
+def test_other_programs_read_what_is_exported(recorded, tmp_path, capsys):
+    _, recording = recorded
+    for name in ("a.parquet", "a.csv"):
+        assert cli.main(["export", str(recording.path), str(tmp_path / name)]) == 0
+    parquet = pyarrow.parquet.read_table(tmp_path / "a.parquet")
+    csv = pyarrow.csv.read_csv(tmp_path / "a.csv")
+    for table in (parquet, csv):
+        assert table.num_rows == len(recording)
+        assert np.array_equal(table["q_3"].to_numpy(), recording.states["q"][:, 3])
+    with pytest.raises(FrankaArmArgumentError, match="csv or .parquet"):
+        recording.export(tmp_path / "a.xls")
+
+
+def test_an_arm_does_it_again(recorded, capsys):
+    fa, recording = recorded
+    fa.goto_joints(HOME, 1)
+    path = recording.motion()
+    assert np.abs(path[0] - HOME).max() < 0.01 and np.abs(path[-1] - AWAY).max() < 0.01
+    server = fa._server_name
+    fa.close()  # the arm is free for the command
+    assert cli.main(["replay", str(recording.path), "--server", server]) == 0
+    with type(fa)(server=server) as again:
+        assert np.abs(again.get_joints() - AWAY).max() < 0.01
+
+
+def test_a_file_that_is_cut_anywhere_is_read_as_far_as_it_goes(recorded, tmp_path):
+    _, recording = recorded
+    data = recording.path.read_bytes()
+    some = 0
+    for cut in random.Random(2).sample(range(9, len(data)), 40):
+        path = tmp_path / "cut.mcap"
+        path.write_bytes(data[:cut])
+        part = Recording(path)
+        assert len(part) <= len(recording)
+        some += len(part) > 0
+        assert np.array_equal(part.states.get("cycles", []), recording.states["cycles"][: len(part)])
+    assert some > 10
+    for garbage in (b"", b"no recording", data[:8] + bytes(1000), data[:2000] + os.urandom(2000)):
+        path.write_bytes(garbage)
+        if garbage.startswith(data[:8]):
+            assert len(Recording(path)) == 0
+        else:
+            with pytest.raises(FrankaArmArgumentError, match="is no recording"):
+                Recording(path)
+    with pytest.raises(FrankaArmArgumentError, match="cannot be read"):
+        Recording(tmp_path / "none.mcap")
+
+
+def test_garbage_is_no_message():
+    for garbage in (b"\x07", b"\x0a\xff", b"\xff" * 20):
+        with pytest.raises(ValueError, match="message"):
+            columns(proto.ArmState.DESCRIPTOR, [garbage])
+
+
+# --- the black box ---------------------------------------------------------------------------------------------------
+
+
+def test_before_an_error_ten_seconds_are_kept(tmp_path):
+    with Simulation(SimulatedArm(lockstep=True), recordings=tmp_path) as simulation:
+        with FrankaArm(server=simulation.server) as fa:
+            fa.goto_joints(HOME, 2)
+            fa.goto_joints(AWAY, 2)
+            simulation.inject("joint_reflex")
+            recording = newest(tmp_path, "error-joint_reflex")
+    states = recording.states
+    assert [name for _, name in recording.errors] == ["joint_reflex"]
+    assert np.abs(states["q"] - AWAY).max(axis=1).max() > 0.1  # the motion before it
+    assert len(recording.skills) >= 2
+    assert any("commands the arm" in text for _, _, text in recording.log)
+    assert states["message_id"][-1] > states["message_id"][np.flatnonzero(states["phase"] == proto.ERROR)[0]]
+
+
+def test_of_a_process_that_crashed_the_last_seconds_are_kept(tmp_path):
+    with Simulation(SimulatedArm(lockstep=True), recordings=tmp_path) as simulation:
+        with FrankaArm(server=simulation.server) as fa:
+            fa.goto_joints(HOME, 1)
+            fa.run(RelativeMinJerkJoint([0.1] * 7, 60), skill_desc="the last", block=False)
+            time.sleep(0.3)
+            os.kill(server_processes(simulation)[1], signal.SIGKILL)
+            recording = newest(tmp_path, "crash-was-killed-by-signal-9")
+    started = [event for _, event in recording.skills if event.HasField("started")]
+    assert started[-1].started.description == "the last"
+    assert recording.states["skill_id"][-1] == started[-1].skill_id
+    assert np.all(np.diff(recording.states["cycles"]) == 1)
+
+
+def test_a_client_that_dies_in_the_middle_is_worth_it(tmp_path):
+    with Simulation(SimulatedArm(), recordings=tmp_path) as simulation:
+        script = (
+            "import os\nfrom frankapy import FrankaArm\nfrom frankapy.parts import RelativeMinJerkJoint\n"
+            f"fa = FrankaArm(server={simulation.server!r})\n"
+            "fa.run(RelativeMinJerkJoint([0.05] * 7, 30), block=False)\nos.kill(os.getpid(), 9)"
+        )
+        subprocess.run([sys.executable, "-c", script], check=False)
+        recording = newest(tmp_path, "error-a-client-is-gone")
+    assert recording.states["phase"][-1] == proto.RUNNING
+
+
+def test_a_server_that_is_killed_leaves_what_it_recorded(tmp_path):
+    for attempt, wait in enumerate(random.Random(3).sample(range(300, 1500), 3)):
+        folder = tmp_path / str(attempt)
+        with Simulation(SimulatedArm(), record="always", recordings=folder) as simulation:
+            time.sleep(wait * 1e-3)
+            supervisor, arm = server_processes(simulation)
+            os.kill(supervisor, signal.SIGKILL)
+            os.kill(arm, signal.SIGKILL)
+            killed = time.time()
+        (path,) = folder.glob("*/*-all.mcap")
+        recording = Recording(path)
+        assert not recording.complete
+        assert len(recording) > 0
+        # A computer that is busy keeps the one that writes waiting as well.
+        assert killed - (recording.start + recording.states["time"][-1]) < 2.0
+
+
+def test_skills_are_recorded_each(tmp_path):
+    with Simulation(SimulatedArm(lockstep=True), record="skills", recordings=tmp_path) as simulation:
+        with FrankaArm(server=simulation.server) as fa:
+            fa.goto_joints(AWAY, 1, skill_desc="recorded by itself")
+            recording = newest(tmp_path, "-skill")
+    started = [event for _, event in recording.skills if event.HasField("started")]
+    assert [event.started.description for event in started] == ["recorded by itself"]
+    assert (recording.states["phase"] == proto.RUNNING).sum() > 900
+
+
+def test_where_nothing_can_be_written_that_is_said(tmp_path):
+    with Simulation(SimulatedArm(lockstep=True), recordings="/proc/nowhere") as simulation:
+        with FrankaArm(server=simulation.server) as fa:
+            with pytest.raises(FrankaArmException, match="/proc/nowhere"), fa.recording():
+                pass
+            fa.goto_joints(HOME, 1)
+    with pytest.raises(FrankaArmException, match='expected "off", "errors", "skills" or "always"'):
+        Simulation(SimulatedArm(lockstep=True), record="now and then")
+
+
+# --- reads -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_newest_state_is_new(fa):
+    fa.get_arm_state()
+    for _ in range(50):
+        state = fa.get_arm_state()
+        assert 0 <= state.age < 0.5
+        time.sleep(0.002)
+    before = fa.get_arm_state().cycles
+    time.sleep(0.05)
+    assert fa.get_arm_state().cycles > before
+
+
+def test_clocks_of_one_computer_agree(fa):
+    difference, uncertain = fa._server.clock_difference
+    assert abs(difference) < 0.05 + uncertain
+
+
+def test_latency_is_measured_and_judged(ideal_arm, capsys):
+    assert cli.main(["latency", "--server", ideal_arm.server, "--hold"]) in (0, 1)
+    told = capsys.readouterr().out
+    for what in ("question, answer", "clocks", "arm to script", "computing", "commands in time"):
+        assert what in told

@@ -1,0 +1,352 @@
+"""Sensor messages into skills that run: targets, velocities, ends; and other parts for a skill that runs."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from frankapy import (
+    FrankaArmArgumentError,
+    FrankaArmException,
+    FrankaConstants,
+    SensorPublisher,
+    proto,
+)
+from frankapy.parts import (
+    CartesianImpedance,
+    InternalImpedance,
+    JointImpedance,
+    MinJerkJoint,
+    MinJerkPose,
+    Never,
+    SensorSays,
+    Silence,
+    StayJoint,
+    StayPose,
+    StreamCartesianVelocity,
+    StreamJoint,
+    StreamJointVelocity,
+    StreamPose,
+    Time,
+    TimeOptimalJoint,
+)
+
+HOME = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+NEAR = HOME + [0.1, -0.1, 0.1, 0.1, -0.1, 0.1, 0.1]
+
+
+def wait_for(condition, longest=30.0):
+    until = time.monotonic() + longest
+    while not condition():
+        assert time.monotonic() < until, "it has not come"
+        time.sleep(0.005)
+
+
+# --- targets ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("controller", [InternalImpedance(), JointImpedance()])
+def test_joints_that_are_published_are_gone_to(fa, controller):
+    fa.run(StreamJoint("goal", delay=0, timeout=0), controller, Never(), block=False)
+    with fa.publisher("goal") as publisher:
+        publisher.publish(proto.JointPositionSensorMessage(id=1, timestamp=0, joints=NEAR))
+        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        publisher.publish(proto.JointPositionVelocitySensorMessage(joints=HOME, joint_vels=[0] * 7))
+        wait_for(lambda: np.abs(fa.get_joints() - HOME).max() < 0.01)
+    fa.stop_skill()
+    assert fa.last_skill_result.ending == proto.STOPPED
+
+
+@pytest.mark.parametrize("controller", [InternalImpedance(), CartesianImpedance(1500, 100)])
+def test_poses_that_are_published_are_gone_to(fa, controller):
+    goal = fa.get_pose(include_tool_offset=False)
+    goal.translation = goal.translation + [0.05, 0.06, -0.05]
+    fa.run(StreamPose("pose", delay=0, timeout=0), controller, Never(), block=False)
+    with fa.publisher("pose") as publisher:
+        publisher.publish(proto.PosePositionSensorMessage(position=goal.translation, quaternion=goal.quaternion))
+        wait_for(lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - goal.translation).max() < 0.005)
+    fa.stop_skill()
+
+
+def test_velocities_that_are_published_are_kept_until_they_cease(fa):
+    for trajectory, message in [
+        (StreamJointVelocity("speed", 0.5), proto.JointVelocitySensorMessage(joint_velocities=[0.2] + [0] * 6)),
+        (StreamCartesianVelocity("speed", 0.5), proto.CartesianVelocitySensorMessage(cartesian_velocities=[0, 0.05, 0, 0, 0, 0])),
+    ]:
+        fa.run(MinJerkJoint(HOME, 1))
+        fa.run(trajectory, InternalImpedance(), Never(), block=False)
+        with fa.publisher("speed") as publisher:
+            publisher.publish(message)
+            wait_for(lambda: np.abs(fa.get_joints() - HOME).max() > 0.03)
+        wait_for(lambda: np.abs(fa.get_joint_velocities()).max() < 1e-4)
+        assert not fa.is_skill_done()
+        fa.stop_skill()
+
+
+def test_a_stream_and_a_chunk_move_the_arm_until_a_message_ends_it(fa):
+    fa.run(StreamJoint("policy"), InternalImpedance(), SensorSays("end"), block=False)
+    with fa.publisher("policy") as publisher, fa.publisher("end") as end:
+        for i in range(60):
+            publisher.publish(proto.JointPositionSensorMessage(joints=HOME + 0.1 * np.sin(0.2 * i)))
+            time.sleep(0.01)
+        wait_for(lambda: np.abs(fa.get_joints() - HOME).max() > 0.01)
+        publisher.publish(proto.JointChunk(times=[0.05, 0.1, 0.15], joints=np.tile(NEAR, 3)))
+        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        end.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
+        fa.wait_for_skill()
+    assert fa.last_skill_result.ending == proto.TERMINATED
+    assert fa.last_skill_result.termination == "SensorSays"
+
+
+def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
+    end = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True)
+    with fa.publisher(FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC) as publisher:
+        fa.goto_joints(HOME, dynamic=True, buffer_time=1000)
+        publisher.publish(proto.JointPositionSensorMessage(joints=NEAR))
+        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        publisher.publish(end)
+        fa.wait_for_skill()
+        assert fa.last_skill_result.termination == "SensorSays"
+
+        pose = fa.get_pose()
+        fa.goto_pose(pose, dynamic=True, buffer_time=1000)
+        target = pose.translation + [0, 0, 0.05]
+        publisher.publish(proto.PosePositionSensorMessage(position=target, quaternion=pose.quaternion))
+        wait_for(lambda: np.abs(fa.get_pose().translation - target).max() < 0.005)
+        fa.stop_skill()
+
+        fa.execute_joint_velocities([0] * 7, [0] * 7, dynamic=True, buffer_time=1000)
+        publisher.publish(proto.JointVelocitySensorMessage(joint_velocities=[0, 0, 0, 0, 0, 0, 0.3]))
+        wait_for(lambda: fa.get_joints()[6] > NEAR[6] + 0.02)
+        publisher.publish(end)
+        fa.wait_for_skill()
+        assert fa.last_skill_result.termination == "SensorSays"
+
+        before = fa.get_pose().translation[2]
+        fa.execute_cartesian_velocities([0] * 6, [0] * 6, dynamic=True, buffer_time=1000)
+        publisher.publish(proto.CartesianVelocitySensorMessage(cartesian_velocities=[0, 0, 0.1, 0, 0, 0]))
+        wait_for(lambda: fa.get_pose().translation[2] > before + 0.01)
+        fa.stop_skill()
+
+
+def test_torques_that_are_published_turn_a_joint_and_gains_hold_it(fa):
+    with fa.publisher(FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC) as publisher:
+        fa.execute_joint_torques([0] * 7, dynamic=True, buffer_time=1000)
+        before = fa.get_joints()
+        last = [0] * 6 + [1]
+        publisher.publish(proto.JointTorqueControllerSensorMessage(selection=last, joint_torques=[0] * 6 + [0.4]))
+        wait_for(lambda: fa.get_joints()[6] > before[6] + 0.1)
+        np.testing.assert_allclose(fa.get_joints()[:6], before[:6], atol=0.02)
+        held = proto.JointTorqueControllerSensorMessage(selection=[0] * 7, joint_torques=[0] * 7)
+        publisher.publish(held)  # back to where it was when it took over
+        wait_for(lambda: abs(fa.get_joints()[6] - before[6]) < 0.03)
+        unstable = proto.JointTorqueControllerSensorMessage(joint_torques=[0] * 7, k_gains=[3000] * 7, d_gains=[1] * 7)
+        publisher.publish(unstable)
+        topic = FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC
+        wait_for(lambda: "stiffness[" in fa.topics()[topic].why_refused)
+        publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
+        fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "SensorSays"
+
+
+def test_poses_forces_and_gains_that_are_published_are_followed(fa):
+    def message(pose, force=(0,) * 6):
+        return proto.ForcePositionSensorMessage(pose=pose.matrix.T.ravel(), force=force)
+
+    with fa.publisher(FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC) as publisher:
+        pose = fa.get_pose(include_tool_offset=False)
+        fa.run_dynamic_force_position(1000, position_kps_cart=[1500] * 3 + [100] * 3)
+        pose.translation = pose.translation + [0.04, 0, 0]
+        publisher.publish(message(pose))
+        wait_for(lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - pose.translation).max() < 0.005)
+        up = pose.translation[2]
+        publisher.publish(proto.ForcePositionControllerSensorMessage(selection=[1, 1, 0, 1, 1, 1]))
+        publisher.publish(message(pose, [0, 0, 5, 0, 0, 0]))
+        wait_for(lambda: fa.get_pose(include_tool_offset=False).translation[2] > up + 0.02)  # there is nothing to push
+        publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
+        fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "SensorSays"
+
+
+def test_a_spring_becomes_stiffer_over_its_topic(fa):
+    fa.run(StayPose(1000), CartesianImpedance(20, 50, topic="spring"), Never(), block=False)
+    with fa.publisher("spring") as publisher:
+        publisher.publish(proto.CartesianImpedanceSensorMessage(translational_stiffnesses=[1500] * 3, rotational_stiffnesses=[100] * 3))
+        wait_for(lambda: "spring" in fa.topics() and fa.topics()["spring"].received == 1)
+        with pytest.raises(FrankaArmArgumentError, match="translational_stiffnesses.* is 9000"):
+            publisher.publish(
+                proto.CartesianImpedanceSensorMessage(translational_stiffnesses=[9000] * 3, rotational_stiffnesses=[50] * 3)
+            )
+    fa.stop_skill()
+    assert fa.last_skill_result.ending == proto.STOPPED
+
+
+# --- ends ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_message_ends_the_skill_and_so_does_silence(fa):
+    fa.run(StayJoint(1000), InternalImpedance(), [SensorSays("stop"), Time(500)], block=False)
+    with fa.publisher("stop") as publisher:
+        publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=1, should_terminate=False))
+        publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=2, should_terminate=True))
+        publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=3, should_terminate=False))
+        fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "SensorSays"
+    result = fa.run(StayJoint(1000), InternalImpedance(), Silence("nobody", 0.5))
+    assert result.termination == "Silence"
+    assert result.time == pytest.approx(0.5, abs=0.01)
+
+
+def test_what_a_script_publishes_right_before_it_exits_arrives(fa, ideal_arm):
+    fa.run(StayJoint(1000), InternalImpedance(), [SensorSays("bye"), Time(1000)], block=False)
+    script = (
+        "from frankapy import SensorPublisher, proto\n"
+        f"publisher = SensorPublisher('bye', server={ideal_arm.server!r})\n"
+        "publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=30)
+    fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "SensorSays"
+
+
+# --- what is refused -------------------------------------------------------------------------------------------------
+
+
+def test_what_makes_no_sense_is_refused_counted_and_named(fa, ideal_arm):
+    fa.run(StreamJoint("strict", delay=0), InternalImpedance(), Never(), block=False)
+    with fa.publisher("strict") as publisher:
+
+        def refused(message, says):
+            before = fa.topics()["strict"].refused if "strict" in fa.topics() else 0
+            envelope = proto.SensorMessage(topic="strict", publisher=7, sequence=refused.sequence, sent_ns=refused.sent)
+            envelope.message.Pack(message)
+            publisher._socket.send(envelope.SerializeToString())
+            refused.sequence += 1
+            wait_for(lambda: "strict" in fa.topics() and fa.topics()["strict"].refused > before)
+            assert says in fa.topics()["strict"].why_refused
+
+        refused.sequence, refused.sent = 1, time.time_ns()
+        refused(proto.PosePositionSensorMessage(position=[0.4, 0, 0.4], quaternion=[1, 0, 0, 0]), "expected JointPosition")
+        refused(proto.JointPositionSensorMessage(joints=[np.nan] * 7), "expected a finite number")
+        refused(proto.JointPositionSensorMessage(joints=[0] * 6), "expected 7")
+        refused(proto.JointPositionSensorMessage(joints=[9] * 7), "joint 1 is 9")
+        refused(proto.JointChunk(times=[0.1, 0.1], joints=[0] * 14), "expected more than the time before")
+        refused(proto.JointChunk(times=[0.1], joints=[0] * 8), "expected 7")
+        refused.sent += 3600 * 10**9
+        refused(proto.JointPositionSensorMessage(joints=HOME), "in the future")
+        publisher._socket.send(b"\xff\xfe garbage")
+        with pytest.raises(FrankaArmArgumentError, match="JointPositionSensorMessage.joints has 3 elements"):
+            publisher.publish(proto.JointPositionSensorMessage(joints=[1, 2, 3]))
+        with pytest.raises(FrankaArmArgumentError, match="expected a message"):
+            publisher.publish("go")
+        # It goes on, and what is right is taken still.
+        publisher.publish(proto.JointPositionSensorMessage(joints=NEAR))
+        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        topic = fa.topics()["strict"]
+        assert topic.refused == 7
+        assert topic.lost == 0
+        assert list(topic.skills)
+    fa.stop_skill()
+    with pytest.raises(FrankaArmArgumentError, match="topic"):
+        SensorPublisher("", server=ideal_arm.server)
+    with pytest.raises(FrankaArmArgumentError, match="StreamJoint.topic is missing"):
+        fa.run(StreamJoint(), InternalImpedance(), Never())
+
+
+def test_lost_and_late_messages_are_counted(fa):
+    with fa.publisher("counted") as publisher:
+        for sequence in (1, 2, 5, 4, 6):
+            envelope = proto.SensorMessage(topic="counted", publisher=1, sequence=sequence)
+            envelope.message.Pack(proto.JointPositionSensorMessage(joints=HOME))
+            publisher._socket.send(envelope.SerializeToString())
+        wait_for(lambda: "counted" in fa.topics() and fa.topics()["counted"].received == 5)
+        topic = fa.topics()["counted"]
+        assert (topic.lost, topic.out_of_order) == (2, 1)
+
+
+def test_a_flood_disturbs_nothing(fa):
+    fa.run(StreamJoint("flood", delay=0, timeout=0), InternalImpedance(), Never(), block=False)
+    with fa.publisher("flood") as publisher:
+        message = proto.JointPositionSensorMessage(joints=NEAR)
+        for _ in range(20_000):
+            try:
+                publisher.publish(message)
+            except FrankaArmException:
+                time.sleep(0.01)
+        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01, longest=60)
+    fa.stop_skill()
+    assert fa.last_skill_result.ending == proto.STOPPED
+
+
+# --- other parts for a skill that runs -------------------------------------------------------------------------------
+
+
+def test_a_running_skill_gets_other_gains_another_goal_and_another_end(fa):
+    goal = fa.get_pose(include_tool_offset=False)
+    goal.translation = goal.translation + [0.05, 0.05, -0.05]
+    fa.run(StayPose(1000), CartesianImpedance(600, 50), Never(), block=False)
+    wait_for(lambda: fa.get_arm_state().phase == proto.RUNNING)
+    number = fa.get_arm_state().skill_id
+    for stiffness in (100, 1500, 300, 1200):
+        fa.change(controller=CartesianImpedance(stiffness, 50))
+    fa.change(trajectory=MinJerkPose(goal, 1))
+    wait_for(lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - goal.translation).max() < 0.005)
+    assert fa.get_arm_state().skill_id == number
+    fa.change(until=Time(0.1))
+    fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "Time"
+    assert fa.last_skill_result.ending == proto.TERMINATED
+
+
+def test_a_change_that_does_not_fit_is_refused_and_the_skill_goes_on(fa):
+    with pytest.raises(FrankaArmException, match="nothing to change"):
+        fa.change(until=Time(1))
+    fa.run(StayJoint(1000), InternalImpedance(), Never(), block=False)
+    for change, says in [
+        ({"controller": InternalImpedance([1000] * 7)}, "preempt the skill"),
+        ({"controller": CartesianImpedance()}, "does not"),
+        ({"trajectory": StayPose(1)}, "does not"),
+        ({"trajectory": MinJerkJoint([9] * 7)}, "limits|should lie"),
+        ({}, "changes nothing"),
+    ]:
+        with pytest.raises(FrankaArmArgumentError, match=says):
+            fa.change(**change)
+    assert not fa.is_skill_done()
+    fa.change(trajectory=TimeOptimalJoint(NEAR, 0.3), until=Time(after_trajectory=0.1))
+    fa.wait_for_skill()
+    np.testing.assert_allclose(fa.get_joints(), NEAR, atol=1e-3)
+
+
+# --- a time to begin at ----------------------------------------------------------------------------------------------
+
+
+def test_a_skill_begins_at_its_start_time(fa):
+    at = time.time() + 1
+    fa.run(MinJerkJoint(NEAR, 1), start_time=at, block=False)
+    wait_for(lambda: fa.get_arm_state().phase == proto.RUNNING)
+    joints = fa.get_joints()
+    if time.time() < at:  # this computer was quick enough
+        np.testing.assert_allclose(joints, HOME, atol=1e-3)
+    fa.wait_for_skill()
+    result = fa.last_skill_result
+    began = result.first_command_ns * 1e-9 - time.monotonic() + time.time()
+    assert at - 0.01 <= began < at + 5
+    assert result.time == pytest.approx(1, abs=0.05)
+    np.testing.assert_allclose(fa.get_joints(), NEAR, atol=1e-3)
+    for wrong in (time.time() + 100, time.time() - 100, np.nan):
+        with pytest.raises(FrankaArmArgumentError, match="start_time"):
+            fa.run(MinJerkJoint(HOME, 1), start_time=wrong)
+    # One that waits can be stopped.
+    fa.run(MinJerkJoint(HOME, 1), start_time=time.time() + 30, block=False)
+    fa.stop_skill()
+    assert fa.last_skill_result.ending == proto.STOPPED
+    np.testing.assert_allclose(fa.get_joints(), NEAR, atol=1e-3)
+
+
+def test_a_change_waits_for_a_skill_that_has_not_begun(fa):
+    fa.run(StayJoint(1000), JointImpedance(), Never(), block=False)
+    fa.change(trajectory=MinJerkJoint(NEAR, 1), until=Time(after_trajectory=0.2))
+    fa.wait_for_skill()
+    np.testing.assert_allclose(fa.get_joints(), NEAR, atol=5e-3)

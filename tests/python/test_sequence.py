@@ -1,0 +1,193 @@
+"""Motions that wait for each other, blend into each other, or take over: without a gap, inside the limits."""
+
+import asyncio
+import re
+
+import numpy as np
+import pytest
+from conftest import despite_stalls
+
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, proto
+from frankapy.parts import (
+    CartesianImpedance,
+    InternalImpedance,
+    JointImpedance,
+    MinJerkJoint,
+    Moved,
+    RelativeMinJerkJoint,
+    RelativeMinJerkPose,
+    TimeOptimalJoint,
+)
+
+HOME = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+STEP = np.array([0.1, -0.1, 0.1, 0.1, -0.1, 0.1, 0.1])
+
+
+def speeds(arm, first, last):
+    rows = arm.truth(since=first)
+    return np.abs(rows[rows["cycle"] <= last]["dq"]).max(axis=1)
+
+
+@despite_stalls  # a client that stands still sends the next motion late
+def test_a_sequence_goes_on_without_a_gap(ideal_arm):
+    with ideal_arm.client() as fa:
+        fa.run(MinJerkJoint(HOME, 0.7))
+        began = fa.wait_for(lambda state: np.abs(state.robot.dq).max() < 5e-4, 10).robot.message_id
+        with fa.sequence() as results:
+            for delta in (STEP, STEP, -STEP):
+                fa.run(RelativeMinJerkJoint(delta, 0.5))
+            fa.goto_joints(HOME, 0.5)
+        assert [result.ending for result in results] == [proto.TERMINATED] * 4
+        np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
+        # From the first motion to the last it is at rest for a cycle or two between them.
+        rows = ideal_arm.truth(since=began)
+        moving = np.flatnonzero(np.abs(rows["dq"]).max(axis=1) > 1e-3)
+        resting = np.diff(moving)
+        assert sorted(resting)[-4] <= 30 and len(resting[resting > 30]) <= 3
+        assert moving[-1] - moving[0] == pytest.approx(1000 * sum(result.time for result in results), abs=60)
+
+
+def test_what_comes_after_a_failure_is_cancelled_even_when_it_comes_late(ideal_arm):
+    with ideal_arm.client() as fa:
+        fa.run(MinJerkJoint(HOME, 0.7))
+        with pytest.raises(FrankaArmException, match="joint_reflex"), fa.sequence() as results:
+            fa.run(RelativeMinJerkJoint(STEP, 5))
+            ideal_arm.simulation.inject("joint_reflex")
+            fa._motion.call.final()
+            fa.wait_for_franka_interface()
+            fa.run(RelativeMinJerkJoint(STEP, 1))
+        assert [result.ending for result in results] == [proto.ROBOT_ERROR, proto.CANCELLED]
+
+
+def test_relative_goals_count_from_the_goal_before(fa):
+    with fa.sequence():
+        fa.run(MinJerkJoint(HOME + STEP, 0.5))
+        fa.run(RelativeMinJerkPose([0, 0, 0.05], frame="base", duration=0.5), InternalImpedance(K_x=[2500] * 3 + [250] * 3))
+        fa.run(RelativeMinJerkPose([0, 0, -0.05], frame="base", duration=0.5), CartesianImpedance(2000, 100))
+        fa.run(RelativeMinJerkJoint(-STEP, 0.5), JointImpedance())
+    np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
+
+
+def test_what_a_queued_motion_is_checked_against_is_the_goal_before(fa):
+    up = RelativeMinJerkJoint([0, 0, 0, 0.9, 0, 0, 0], 1)
+    fa.run(up, until=Moved(0.001))  # it fits from here
+    fa.goto_joints(HOME, 0.5)
+    with pytest.raises(FrankaArmArgumentError, match="beyond the arm's range"), fa.sequence():
+        fa.run(RelativeMinJerkJoint([0, 0, 0, 1.5, 0, 0, 0], 1))
+        fa.run(up)
+    assert fa.is_skill_done()
+
+
+def test_blended_motions_do_not_stop(ideal_arm):
+    with ideal_arm.client() as fa:
+        slowest = {}
+        for blend in (0, 0.3):
+            fa.run(MinJerkJoint(HOME, 0.7))
+            with fa.sequence(blend=blend) as results:
+                for i in range(3):
+                    fa.run(MinJerkJoint(HOME + (i + 1) * STEP, 0.8))
+            first, _, last = (result.last_state.robot.message_id for result in results)
+            slowest[blend] = speeds(ideal_arm, first - 100, last - 400).min()
+            np.testing.assert_allclose(fa.get_joints(), HOME + 3 * STEP, atol=1e-3)
+        assert slowest[0] < 1e-3 and slowest[0.3] > 0.01
+
+
+def test_behind_a_failure_everything_is_cancelled(ideal_arm):
+    with ideal_arm.client() as fa:
+        fa.run(MinJerkJoint(HOME, 0.7))
+        with pytest.raises(FrankaArmException, match="cartesian_reflex"), fa.sequence() as results:
+            for _ in range(4):
+                fa.run(RelativeMinJerkJoint(STEP, 2))
+            ideal_arm.simulation.inject("cartesian_reflex")
+        assert [result.ending for result in results] == [proto.ROBOT_ERROR] + [proto.CANCELLED] * 3
+        fa.wait_for_franka_interface()
+        fa.goto_joints(HOME, 1)
+        np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
+
+
+def test_stop_ends_all_that_are_queued(fa):
+    with fa.sequence() as results:
+        for _ in range(4):
+            fa.run(RelativeMinJerkJoint(STEP, 3))
+        fa.stop_skill()
+    assert [result.ending for result in results] == [proto.STOPPED] * 4
+    assert fa.is_skill_done()
+
+
+def test_an_exception_inside_stops_the_arm(fa):
+    with pytest.raises(ZeroDivisionError), fa.sequence():
+        fa.run(RelativeMinJerkJoint(STEP, 3))
+        raise ZeroDivisionError
+    assert fa.is_skill_done()
+    assert fa.last_skill_result.ending == proto.STOPPED
+    fa.goto_joints(HOME, 1)
+
+
+def test_a_queue_is_bounded(fa):
+    with pytest.raises(FrankaArmException, match="skills are queued already"), fa.sequence():
+        for _ in range(400):
+            fa.run(RelativeMinJerkJoint(np.zeros(7), 5))
+
+
+def test_a_bad_sequence_is_refused(fa):
+    for blend in (-1, 11, np.nan, "long"):
+        with pytest.raises(FrankaArmArgumentError, match="blend"), fa.sequence(blend):
+            pass
+    with pytest.raises(FrankaArmArgumentError, match="is being made already"), fa.sequence(), fa.sequence():
+        pass
+    with pytest.raises(FrankaArmArgumentError, match="preempt"), fa.sequence():
+        fa.run(MinJerkJoint(HOME, 1), preempt=True)
+    fa.goto_joints(HOME, 1)
+
+
+@pytest.mark.parametrize(
+    ("controller", "robot_controller"),
+    [
+        (InternalImpedance(), "auto"),
+        (InternalImpedance(), "joint_velocity"),
+        (JointImpedance(), "auto"),
+        (JointImpedance(), "torque_and_joint_position"),
+    ],
+)
+def test_a_motion_takes_over_in_the_middle(fa, controller, robot_controller):
+    for _ in range(5):
+        fa.run(MinJerkJoint(HOME + 3 * STEP, 60), block=False)
+        first = fa._motion
+        result = fa.run(TimeOptimalJoint(HOME, 0.5), controller, preempt=True, robot_controller=robot_controller)
+        assert first.call.final().skill_result.ending == proto.PREEMPTED
+        assert result.ending == proto.TERMINATED
+        np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
+
+
+def test_a_coroutine_waits_while_others_run(fa):
+    async def motion():
+        fa.goto_joints(HOME + [0.1, 0, 0, 0, 0, 0, 0], 2, block=False, ignore_virtual_walls=True)
+        return await fa.finished()
+
+    async def other():
+        for _ in range(5):
+            await asyncio.sleep(0)
+        return "meanwhile"
+
+    async def both():
+        return await asyncio.gather(motion(), other())
+
+    result, text = asyncio.run(both())
+    assert result.ending == proto.TERMINATED and text == "meanwhile"
+    assert fa.is_skill_done()
+
+
+def test_a_coroutine_that_is_cancelled_stops_the_arm(fa):
+    async def main():
+        fa.goto_joints(HOME + [0.3, 0, 0, 0, 0, 0, 0], 100, block=False, ignore_virtual_walls=True)
+        await asyncio.wait_for(fa.finished(), 0.05)
+
+    with pytest.raises(asyncio.TimeoutError):
+        asyncio.run(main())
+    fa.wait_for_skill()
+    assert fa.last_skill_result.ending == proto.STOPPED
+
+
+def test_an_arm_says_which_it_is(fa):
+    assert re.fullmatch(r"FrankaArm\(\w+: FR3 at 127[.\d]+, protocol version \d+\)", repr(fa))
+    assert repr(FrankaArm(offline=True)) == "FrankaArm(offline)"

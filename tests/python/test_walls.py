@@ -1,0 +1,168 @@
+"""Virtual walls: what they refuse, and that nothing goes through them."""
+
+import contextlib
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from conftest import HOME, server_processes
+
+from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmException, proto
+from frankapy.parts import CartesianImpedance, FreeDrive, JointImpedance, MinJerkJoint, Never, StayJoint, StreamJoint, StreamPose, Time
+from frankapy.walls import Box, Capsule, Cylinder, Plane, Sphere
+
+LEFT = HOME + [0.9, 0, 0, 0, 0, 0, 0]
+WALL = Box([1, 0.01, 1], [0.4, 0.25, 0.5])
+FACE = 0.25 - 0.005  # m, its y
+
+
+@pytest.fixture
+def walled(fa):
+    yield fa
+    fa.walls.clear()
+
+
+def gap(rows) -> float:
+    """Return the least distance between hand and wall (m), by the two capsules of models/arm.cpp."""
+    frames = rows["O_T_TCP"].reshape(-1, 4, 4).transpose(0, 2, 1)
+    least = []
+    for z, radius in ((0.04, 0.04), (0.10, 0.02)):
+        for y in (-0.05, 0.05):
+            end = frames[:, :3, 3] + frames[:, :3, :3] @ [0, y, z - 0.1034]
+            least.append((FACE - end[:, 1]).min() - radius)
+    return min(least)
+
+
+def test_walls_are_a_mapping(walled):
+    walls = walled.walls
+    walls["table"] = Plane([0, 0, 2], [0, 0, -0.2])
+    walls.update({"ball": Sphere(0.1, [0.5, 0.5, 0.5]), "post": Cylinder(0.05, 1, [-0.5, 0, 0.5])})
+    walls.hold("pen", Capsule(0.005, 0.1, [0, 0, 0.05]))
+    assert list(walls) == ["ball", "pen", "post", "table"]
+    assert walls["ball"].sphere.radius == 0.1
+    assert "pen: capsule (held)" in repr(walls)
+    # In the flange's frame it is where the tool is.
+    np.testing.assert_allclose(walls["pen"].position, [0, 0, 0.1034 + 0.05], atol=1e-6)
+    del walls["ball"]
+    assert len(walls) == 3
+    walls.clear()
+    assert not walls
+
+
+REFUSED = {
+    "no wall": (lambda fa: fa.walls.add("a", [1, 2, 3]), "expected Plane"),
+    "a size of zero": (lambda fa: fa.walls.add("a", Box([1, 0, 1])), r"size\[1\] is 0 m: expected 0.001 to 10"),
+    "a negative size": (lambda fa: fa.walls.add("a", Sphere(-1)), "radius is -1"),
+    "NaN": (lambda fa: fa.walls.add("a", Box([1, 1, 1], [0, np.nan, 0])), r"position\[1\] is nan"),
+    "a direction of nothing": (lambda fa: fa.walls.add("a", Plane([0, 0, 0])), "normal is"),
+    "no name": (lambda fa: fa.walls.add("", Sphere(1)), "name"),
+    "one that is not there": (lambda fa: fa.walls.remove("moon"), 'there is no wall "moon"'),
+    "a plane that is held": (lambda fa: fa.walls.hold("a", Plane()), "is held and a plane"),
+    "too many": (
+        lambda fa: fa.walls.update({f"{i}": Sphere(0.1, [5, 5, 5]) for i in range(1000)}),
+        "1000 walls: expected at most 64",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_wall_that_is_none_is_refused(case, walled):
+    call, why = REFUSED[case]
+    with pytest.raises(FrankaArmArgumentError, match=why):
+        call(walled)
+    assert not walled.walls
+
+
+def test_another_client_changes_nothing_while_this_one_commands(walled, ideal_arm):
+    walled.walls.add("table", Plane())
+    with ideal_arm.client() as other:
+        assert list(other.walls) == ["table"]
+        with pytest.raises(FrankaArmBusyException):
+            other.walls.clear()
+
+
+def test_a_way_through_a_wall_is_refused_with_the_place(walled):
+    walled.walls.add("glass", WALL)
+    before = walled.get_joints()
+    with pytest.raises(FrankaArmArgumentError, match=r'MinJerkJoint: .*wall "glass" at \d+ % of its way'):
+        walled.goto_joints(LEFT, ignore_virtual_walls=True)
+    pose = walled.get_pose()
+    pose.translation[1] = 0.4
+    with pytest.raises(FrankaArmArgumentError, match='MinJerkPose: .*wall "glass"'):
+        walled.goto_pose(pose, ignore_virtual_walls=True)
+    np.testing.assert_allclose(walled.get_joints(), before, atol=1e-6)
+    walled.walls.clear()
+    walled.goto_joints(LEFT, 2)
+
+
+@pytest.mark.parametrize("controller", [None, JointImpedance()], ids=["robot", "torque"])
+def test_what_is_streamed_through_a_wall_ends_before_it(controller, walled, ideal_arm):
+    walled.walls.add("glass", WALL)
+    first = walled.get_arm_state().robot.message_id
+    parts = [StreamJoint("goal"), *([controller] if controller else [proto.InternalImpedance()])]
+    walled.run(*parts, Never(), block=False)
+    with walled.publisher("goal") as publisher:
+        for _ in range(50):
+            publisher.publish(proto.JointPositionSensorMessage(joints=LEFT))
+            time.sleep(0.01)
+        walled.wait_for(lambda state: state.robot.q[0] > 0.15 and max(np.abs(state.robot.dq)) < 1e-3, timeout=30)
+    walled.stop_skill()
+    assert walled.last_skill_result.wall == "glass"
+    assert 0.009 < gap(ideal_arm.truth(first)) < 0.012
+
+
+@pytest.mark.parametrize("controller", [proto.InternalImpedance(), CartesianImpedance()], ids=["robot", "torque"])
+def test_a_pose_slides_along_a_wall_to_beside_its_goal(controller, walled, ideal_arm):
+    walled.walls.add("glass", WALL)
+    first = walled.get_arm_state().robot.message_id
+    goal = walled.get_pose()
+    goal.translation[:] += [0.1, 0.3, 0]
+    walled.run(StreamPose("goal"), controller, Never(), block=False)
+    with walled.publisher("goal") as publisher:
+        for _ in range(20):
+            publisher.publish(proto.PosePositionSensorMessage(position=goal.translation, quaternion=goal.quaternion))
+            time.sleep(0.01)
+        walled.wait_for(lambda state: state.robot.O_T_EE[12] > goal.translation[0] - 0.01, timeout=30)
+    walled.stop_skill()
+    assert walled.last_skill_result.wall == "glass"
+    assert 0.005 < gap(ideal_arm.truth(first)) < 0.02
+
+
+def test_an_arm_that_is_pushed_is_held_off(walled, ideal_arm):
+    walled.walls.add("glass", WALL)
+    first = walled.get_arm_state().robot.message_id
+    walled.run(StayJoint(6), FreeDrive(), Time(5), block=False)
+    walled.wait_for(lambda state: state.phase == proto.RUNNING)
+    ideal_arm.simulation.push([0, 12, 0, 0, 0, 0], duration=4)
+    walled.wait_for_skill()
+    assert walled.last_skill_result.ending == proto.TERMINATED
+    assert walled.last_skill_result.wall == "glass"
+    assert 0.001 < gap(ideal_arm.truth(first)) < 0.01
+
+
+def test_a_wall_comes_while_a_skill_runs(walled, ideal_arm):
+    first = walled.get_arm_state().robot.message_id
+    walled.run(MinJerkJoint(LEFT, 30), proto.InternalImpedance(), block=False)
+    walled.wait_for(lambda state: state.robot.q[0] > 0.02)
+    walled.walls.add("glass", WALL)
+    walled.wait_for_skill()
+    assert walled.last_skill_result.wall == "glass"
+    assert gap(ideal_arm.truth(first)) > 0.009
+
+
+def test_walls_outlive_the_process_of_their_arm(walled, ideal_arm):
+    walled.walls.add("glass", WALL)
+    os.kill(server_processes(ideal_arm.simulation)[1], signal.SIGKILL)
+    again = None
+    for _ in range(150):
+        with contextlib.suppress(FrankaArmException):
+            again = ideal_arm.client()
+            break
+        time.sleep(0.2)
+    with again:
+        again.wait_for_franka_interface(30)
+        assert list(again.walls) == ["glass"]
+        with pytest.raises(FrankaArmArgumentError, match='wall "glass"'):
+            again.goto_joints(LEFT, ignore_virtual_walls=True)

@@ -1,0 +1,229 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "allocation_counter.hpp"
+#include "realtime/trajectories/target_stream.hpp"
+#include "realtime/trajectories/velocity_stream.hpp"
+
+namespace realtime {
+namespace {
+
+using Stream = TargetStream<2>;
+using Vector = Stream::Vector;
+
+constexpr double kTick = 0.001;  // s
+constexpr double kNoClock = std::numeric_limits<double>::quiet_NaN();
+constexpr std::array<models::Limits::Rates, 2> kRates = {{{1.5, 6, 300}, {1.5, 6, 300}}};
+
+Vector wave(double t) { return {0.1 * std::sin(2 * t), 0.08 * std::sin(3 * t)}; }
+
+struct Watched {
+  double most_v = 0, most_a = 0, most_error = 0;
+};
+
+// Backward differences of what comes out, and how far it is from the wave `delay` before.
+struct Watch {
+  double delay;
+  std::vector<Vector> x;
+  double from = 0.5;
+
+  Watched judge() const {
+    Watched all;
+    for (std::size_t i = 2; i < x.size(); ++i) {
+      const Vector v = (x[i] - x[i - 1]) / kTick, a = (x[i] - 2 * x[i - 1] + x[i - 2]) / (kTick * kTick);
+      all.most_v = std::max(all.most_v, v.cwiseAbs().maxCoeff());
+      all.most_a = std::max(all.most_a, a.cwiseAbs().maxCoeff());
+      const double t = static_cast<double>(i) * kTick;
+      if (t > from) all.most_error = std::max(all.most_error, (x[i] - wave(t - delay)).cwiseAbs().maxCoeff());
+    }
+    return all;
+  }
+};
+
+TEST(TargetStream, PassesTargetsOfASmoothMotionAfterTheDelay) {
+  Stream stream(0.15, 0, kRates);
+  stream.start({});
+  Watch watch{0.15, {}, 1.0};
+  for (int i = 0; i < 4000; ++i) {
+    const double t = i * kTick;
+    if (i % 50 == 0) stream.add(t, {wave(t), t, 0, false});
+    watch.x.push_back(stream.at(t).x);
+  }
+  EXPECT_LT(watch.judge().most_error, 5e-4);
+}
+
+TEST(TargetStream, IsSmoothWhateverTheNetworkDoes) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> jitter(-0.3, 0.3), way(0, 0.03), lost(0, 1);
+  for (const double period : {0.2, 0.1, 0.05, 0.02, 0.01}) {
+    Stream stream(std::nullopt, 0, kRates);
+    stream.start({});
+    struct Message {
+      double arrives, sent;
+    };
+    std::vector<Message> messages;
+    for (double sent = 0.2; sent < 8; sent += period * (1 + jitter(random))) {
+      if (lost(random) > 0.1) messages.push_back({sent + way(random) * period / 0.05, sent});
+    }
+    std::vector<Vector> x;
+    std::size_t next = 0;
+    for (int i = 0; i < 8000; ++i) {
+      const double t = i * kTick;
+      for (; next < messages.size() && messages[next].arrives <= t; ++next) {
+        // The publisher's clock is another.
+        stream.add(t, {wave(messages[next].sent), messages[next].sent + 1e5, 0, false});
+      }
+      x.push_back(stream.at(t).x);
+    }
+    Watch watch{0, x, 100};
+    const Watched seen = watch.judge();
+    // The wave itself has 0.24 m/s and 0.72 m/s².
+    EXPECT_LT(seen.most_v, 0.6) << period;
+    EXPECT_LT(seen.most_a, 18) << period;  // at the start and where targets come back; the limiter rounds it
+    // It follows the wave, so much later as is best.
+    double least = 1;
+    for (double delay = 0; delay < 0.8; delay += 0.005) {
+      double worst = 0;
+      for (std::size_t i = 2000; i < x.size(); ++i) {
+        worst = std::max(worst, (x[i] - wave(static_cast<double>(i) * kTick - delay)).cwiseAbs().maxCoeff());
+      }
+      least = std::min(least, worst);
+    }
+    EXPECT_LT(least, 0.006 + 0.15 * period) << period;
+  }
+}
+
+TEST(TargetStream, BrakesWhereTargetsCeaseAndComesBackSmoothly) {
+  Stream stream(0.05, 0, kRates);
+  stream.start({});
+  std::vector<Vector> x;
+  for (int i = 0; i < 6000; ++i) {
+    const double t = i * kTick;
+    const bool silent = t > 1.5 && t < 3;
+    if (i % 20 == 0 && !silent) stream.add(t, {wave(t), t, 0, false});
+    x.push_back(stream.at(t).x);
+  }
+  EXPECT_LT((x[2990] - x[2500]).norm(), 1e-9);  // at rest
+  const Watched seen = Watch{0, x, 100}.judge();
+  EXPECT_LT(seen.most_a, 12);
+  EXPECT_LT((x[5000] - wave(5.0 - 0.05)).norm(), 2e-3);
+}
+
+TEST(TargetStream, AJumpIsGoneToInsideTheRates) {
+  for (const std::optional<double> delay : {std::optional(0.0), std::optional(0.1)}) {
+    Stream stream(delay, 0, kRates);
+    stream.start({});
+    std::vector<Vector> x;
+    for (int i = 0; i < 4000; ++i) {
+      const double t = i * kTick;
+      if (i % 50 == 0) stream.add(t, {t < 1 ? Vector(0, 0) : Vector(1, -0.5), t, 0, false});
+      x.push_back(stream.at(t).x);
+    }
+    const Watched seen = Watch{0, x, 100}.judge();
+    EXPECT_LT(seen.most_v, 1.5 * 1.02);
+    EXPECT_LT(seen.most_a, 6 * 1.1);
+    EXPECT_LT((x.back() - Vector(1, -0.5)).norm(), 1e-6);
+  }
+}
+
+// Messages that take longer and longer than at first: by `late` s from 2 s on, for 3 s; or the arm's time that leaps, as when
+// its computer stood still, so that all that comes is late.
+TEST(TargetStream, HoweverLateTargetsAreTheMotionStaysAmongThem) {
+  for (const double late : {0.05, 0.1, 0.3, 1.0}) {
+    for (const double leap : {0.0, 0.7}) {
+      Stream stream(std::nullopt, 0, kRates);
+      stream.start({});
+      std::vector<Vector> x;
+      int sent = 0;  // messages, one each 20 ms
+      for (int i = 0; i < 9000; ++i) {
+        const double t = i * kTick;
+        const double publisher = t < 2 ? t : t - leap;
+        const auto arrives = [&](double time) { return time + (time > 2 && time < 5 ? late : 0); };
+        for (; arrives(0.02 * sent) <= publisher && !(t > 2 && t < 2 + leap); ++sent) {
+          stream.add(t, {wave(0.02 * sent), 0.02 * sent, 0, false});
+        }
+        x.push_back(stream.at(t).x);
+        ASSERT_LT(x.back()[0], 0.13) << late << " s, " << leap << " s, at " << t;
+        ASSERT_GT(x.back()[0], -0.13) << late << " s, " << leap << " s, at " << t;
+      }
+      const Watched seen = Watch{0, x, 100}.judge();
+      EXPECT_LT(seen.most_v, 0.9);
+      EXPECT_LT(seen.most_a, 12);
+      // When they come in time again it follows as before.
+      double least = 1;
+      for (double delay = 0; delay < 0.2; delay += 0.005) least = std::min(least, (x.back() - wave(9 - leap - delay)).norm());
+      EXPECT_LT(least, 0.01) << late << " s, " << leap << " s";
+    }
+  }
+}
+
+TEST(TargetStream, AtOnceItAnswersInTheSameTickAndStopsAfterTheTimeout) {
+  Stream stream(0.0, 0.2, kRates);
+  stream.start({});
+  stream.at(0);
+  stream.add(0, {Vector(1, 1), kNoClock, 0, false});
+  EXPECT_GT(stream.at(kTick).a.norm(), 0);
+  std::vector<Vector> x;
+  for (int i = 2; i < 2000; ++i) x.push_back(stream.at(i * kTick).x);
+  EXPECT_LT((x.back() - x[x.size() - 100]).norm(), 1e-9);
+  EXPECT_LT(x.back()[0], 0.6);
+  // Another target goes on from there.
+  stream.add(2, {Vector(1, 1), kNoClock, 0, false});
+  for (int i = 2000; i < 2150; ++i) stream.at(i * kTick);
+  EXPECT_GT(stream.at(2.15).x[0], x.back()[0]);
+}
+
+TEST(TargetStream, ChunksAreFollowedAtTheirTimesExtendedAndReplaced) {
+  Stream stream(std::nullopt, 0, kRates);
+  stream.start({});
+  std::vector<Vector> x;
+  const auto send = [&](double t, double from, const auto& where) {
+    for (int k = 1; k <= 20; ++k) {
+      const double lead = from + 0.05 * k;
+      stream.add(t, {where(t + lead), t, lead, k == 1});
+    }
+  };
+  for (int i = 0; i < 3500; ++i) {
+    const double t = i * kTick;
+    if (i == 0) send(t, 0, wave);
+    if (i == 800) send(t, 0.05, wave);  // before the first has run out
+    if (i == 1500) send(t, 0.1, [](double) { return Vector(0.05, 0.05); });
+    x.push_back(stream.at(t).x);
+  }
+  for (double t : {0.5, 0.9, 1.4}) EXPECT_LT((x[static_cast<std::size_t>(t / kTick)] - wave(t)).norm(), 5e-3) << t;
+  EXPECT_LT((x.back() - Vector(0.05, 0.05)).norm(), 1e-6);
+  EXPECT_LT((Watch{0, x, 100}.judge().most_a), 12);
+}
+
+TEST(TargetStream, AllocatesNothing) {
+  Stream stream(std::nullopt, 0, kRates);
+  testing_tools::AllocationCounter counter;
+  stream.start({});
+  for (int i = 0; i < 2000; ++i) {
+    const double t = i * kTick;
+    if (i % 30 == 0) stream.add(t, {i % 300 == 0 ? Vector(0.5, 0) : wave(t), t, 0, false});
+    stream.at(t);
+  }
+  EXPECT_EQ(counter.count(), 0u);
+}
+
+TEST(VelocityStream, ReachesWhatComesInsideTheRatesAndStopsAfterTheTimeout) {
+  VelocityStream<2> stream(0.2, kRates);
+  stream.start({});
+  std::vector<Vector> x;
+  for (int i = 0; i < 3000; ++i) {
+    const double t = i * kTick;
+    x.push_back(stream.at(t).x);
+    if (i % 50 == 0 && t < 1) stream.add(Vector(0.3, -3));
+  }
+  const Watched seen = Watch{0, x, 100}.judge();
+  EXPECT_NEAR((x[900][0] - x[899][0]) / kTick, 0.3, 1e-6);
+  EXPECT_NEAR((x[900][1] - x[899][1]) / kTick, -1.5, 1e-6);
+  EXPECT_LT(seen.most_a, 6.01);
+  EXPECT_LT((x.back() - x[2000]).norm(), 1e-9);
+}
+
+}  // namespace
+}  // namespace realtime

@@ -1,0 +1,346 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "allocation_counter.hpp"
+#include "mock_driver.hpp"
+#include "realtime/controllers/joint_impedance.hpp"
+#include "realtime/loop.hpp"
+#include "realtime/trajectories/min_jerk_joint.hpp"
+#include "realtime/walls/wall_guard.hpp"
+#include "simulated_arm.hpp"
+
+namespace {
+
+using namespace realtime;
+using testing_tools::MockRobot;
+using testing_tools::SimulatedArm;
+
+const Vector7 kMotors = Vector7::Constant(0.05);  // kg m²
+
+struct Random {
+  std::mt19937 engine{17};
+  double in(double low, double high) { return std::uniform_real_distribution<>(low, high)(engine); }
+  Vector3 point(double size) { return {in(-size, size), in(-size, size), in(-size, size)}; }
+  Shape shape(Shape::Kind kind) {
+    Shape shape{kind, {in(0.05, 0.4), in(0.05, 0.4), in(0.05, 0.4)}, Eigen::Isometry3d(Eigen::Quaterniond::UnitRandom())};
+    shape.O_T_S.translation() = point(0.5);
+    return shape;
+  }
+};
+constexpr Shape::Kind kKinds[] = {Shape::Kind::kPlane, Shape::Kind::kBox, Shape::Kind::kCylinder, Shape::Kind::kCapsule};
+
+Shape plane(const Vector3& point, const Vector3& normal) {
+  Shape shape;
+  shape.O_T_S.linear() = Eigen::Quaterniond::FromTwoVectors(Vector3::UnitZ(), normal).toRotationMatrix();
+  shape.O_T_S.translation() = point;
+  return shape;
+}
+Shape box(const Vector3& centre, const Vector3& half) {
+  Shape shape{Shape::Kind::kBox, half, Eigen::Isometry3d::Identity()};
+  shape.O_T_S.translation() = centre;
+  return shape;
+}
+
+// m from the arm at q to the nearest wall.
+double clearance_of(const Walls& walls, const Vector7& q) {
+  ArmCapsules::Place place;
+  walls.arm.place(q, place);
+  double least = 1e9;
+  for (std::size_t k = 0; k < walls.arm.all().size(); ++k) {
+    for (const Wall& each : walls.walls) {
+      least = std::min(least, nearest(each.shape, place.a[k], place.b[k]).distance - walls.arm.all()[k].radius);
+    }
+  }
+  return least;
+}
+
+// --- shapes --------------------------------------------------------------------------------------------------------------
+
+TEST(Shape, the_normal_is_the_gradient_of_the_distance_and_leads_to_the_surface) {
+  Random random;
+  for (const Shape::Kind kind : kKinds) {
+    for (int n = 0; n < 200; ++n) {
+      const Shape shape = random.shape(kind);
+      const Vector3 p = random.point(1);
+      const Distance d = distance(shape, p);
+      EXPECT_NEAR(d.normal.norm(), 1, 1e-9);
+      EXPECT_NEAR(distance(shape, p - d.distance * d.normal).distance, 0, 1e-9);
+      const Vector3 step = 1e-6 * random.point(1);
+      EXPECT_NEAR(distance(shape, p + step).distance - d.distance, d.normal.dot(step), 1e-9) << static_cast<int>(kind);
+    }
+  }
+}
+
+TEST(Shape, distances_are_those_of_geometry) {
+  EXPECT_NEAR(distance(plane({0, 0, 0.1}, Vector3::UnitZ()), {3, 4, 0.5}).distance, 0.4, 1e-12);
+  const Shape cube = box(Vector3::Zero(), Vector3::Constant(1));
+  EXPECT_NEAR(distance(cube, {2, 2, 2}).distance, std::sqrt(3.), 1e-12);
+  EXPECT_NEAR(distance(cube, {2, 0.5, 0}).distance, 1, 1e-12);
+  EXPECT_NEAR(distance(cube, {0.8, 0, 0}).distance, -0.2, 1e-12);
+  const Shape cylinder{Shape::Kind::kCylinder, {0.5, 1, 0}, Eigen::Isometry3d::Identity()};
+  EXPECT_NEAR(distance(cylinder, {1, 0, 0}).distance, 0.5, 1e-12);
+  EXPECT_NEAR(distance(cylinder, {0, 0.2, 1.5}).distance, 0.5, 1e-12);
+  const Shape capsule{Shape::Kind::kCapsule, {0.5, 1, 0}, Eigen::Isometry3d::Identity()};
+  EXPECT_NEAR(distance(capsule, {0, 0, 2}).distance, 0.5, 1e-12);
+}
+
+TEST(Shape, no_point_of_a_segment_is_nearer_than_the_nearest) {
+  Random random;
+  for (const Shape::Kind kind : kKinds) {
+    for (int n = 0; n < 200; ++n) {
+      const Shape shape = random.shape(kind);
+      const Vector3 a = random.point(1), b = random.point(1);
+      const Nearest found = nearest(shape, a, b);
+      double least = 1e9;
+      for (int k = 0; k <= 200; ++k) least = std::min(least, distance(shape, a + (b - a) * k / 200).distance);
+      EXPECT_LE(found.distance, least + 1e-5);
+      EXPECT_NEAR(distance(shape, found.point).distance, found.distance, 1e-12);
+      EXPECT_LT((found.point - a).cross(b - a).norm(), 1e-9);
+    }
+  }
+}
+
+// --- the arm ---------------------------------------------------------------------------------------------------------------
+
+TEST(ArmCapsules, gradients_are_those_of_finite_differences) {
+  Random random;
+  for (const char* name : {"fer", "fr3"}) {
+    ArmCapsules arm(models::arm(name), true);
+    ASSERT_TRUE(arm.hold({0, 0, 0.1}, {0, 0, 0.2}, 0.02));
+    for (int n = 0; n < 20; ++n) {
+      Vector7 q, dq;
+      for (int i = 0; i < 7; ++i) q[i] = random.in(-2, 2), dq[i] = random.in(-1, 1);
+      const Vector3 normal = random.point(1).normalized();
+      ArmCapsules::Place here, there;
+      arm.place(q, here);
+      arm.place(q + 1e-6 * dq, there);
+      for (int k = 0; k < static_cast<int>(arm.all().size()); ++k) {
+        EXPECT_NEAR(normal.dot(there.b[k] - here.b[k]) / 1e-6, arm.gradient(here, k, here.b[k], normal).dot(dq), 1e-5);
+      }
+    }
+  }
+}
+
+TEST(ArmCapsules, what_is_held_is_where_the_model_has_the_flange) {
+  for (const char* name : {"fer", "fr3"}) {
+    SimulatedArm simulated(name);
+    ArmCapsules arm(models::arm(name), false);
+    ASSERT_TRUE(arm.hold({0, 0, models::hand::kTcp}, {0, 0, models::hand::kTcp}, 0.01));
+    ArmCapsules::Place place;
+    arm.place(simulated.q, place);
+    EXPECT_LT((place.a[arm.all().size() - 1] - simulated.cycle.O_T_EE.translation()).norm(), 1e-6);
+  }
+}
+
+// --- motions ----------------------------------------------------------------------------------------------------------------
+
+// The robot's own controller.
+struct Internal : Controller {
+  bool accepts(ReferenceKind) const noexcept override { return true; }
+  robot::Mode mode(ReferenceKind) const noexcept override {
+    return {fci::ControllerMode::kJointImpedance, fci::MotionGeneratorMode::kJointPosition};
+  }
+  void start(const Cycle&, Reference&) noexcept override {}
+  void step(const Cycle&, const Reference&, Vector7&) noexcept override {}
+};
+
+// A loop and its robot among walls.
+class Walled : public testing::Test {
+ protected:
+  Walled() : robot(models::arm("fr3"), 10), model(models::urdf(models::arm("fr3"), 10)), loop(robot, model, robot.limits, {}, door) {}
+  ~Walled() override {
+    EXPECT_TRUE(robot.obeyed()) << robot.judgement();
+    if (allocations::kCounts) {
+      EXPECT_EQ(allocated, 0u);
+    }
+    collect();
+  }
+
+  void wall(const std::vector<Shape>& shapes) {
+    auto walls = std::make_unique<Walls>(Walls{ArmCapsules(models::arm("fr3"), true), {}});
+    for (const Shape& shape : shapes) walls->walls.push_back({static_cast<std::uint32_t>(walls->walls.size() + 1), shape});
+    seen = *walls;
+    door.walls.put(std::move(walls));
+  }
+
+  double clearance() const { return clearance_of(seen, robot.q()); }
+
+  void give(std::unique_ptr<TrajectoryGenerator> trajectory, std::unique_ptr<Controller> controller) {
+    auto skill = std::make_unique<Skill>();
+    skill->id = ++given;
+    skill->mode = controller->mode(trajectory->reference_kind());
+    skill->trajectory = std::move(trajectory);
+    skill->controller = std::move(controller);
+    door.next.put(std::move(skill));
+  }
+  void go_to(const Vector7& q, double duration, std::unique_ptr<Controller> controller = std::make_unique<Internal>()) {
+    give(std::make_unique<MinJerkJoint>(MinJerkJoint::Parameters{q, duration}, robot.limits), std::move(controller));
+  }
+
+  // Cycles, of which it keeps the least clearance.
+  void cycles(int n) {
+    while (n-- > 0) {
+      {
+        const testing_tools::AllocationCounter counter;
+        loop.cycle();
+        allocated += counter.count();
+      }
+      least = std::min(least, clearance());
+      collect();
+    }
+  }
+  void collect() {
+    while (const SkillResult* result = door.results.front()) results.push_back(*result), door.results.pop();
+    while (Skill* const* skill = door.retired.front()) {
+      delete *skill;
+      door.retired.pop();
+    }
+    while (Walls* const* walls = door.former_walls.front()) {
+      delete *walls;
+      door.former_walls.pop();
+    }
+  }
+
+  MockRobot robot;
+  Model model;
+  Door door;
+  Loop loop;
+  Walls seen{ArmCapsules(models::arm("fr3"), true), {}};
+  std::vector<SkillResult> results;
+  std::uint64_t given = 0;
+  std::size_t allocated = 0;
+  double least = 1e9;
+};
+
+const Vector7 kHome = Vector7::Map(models::kHome.data());
+
+TEST_F(Walled, a_motion_through_a_thin_wall_ends_before_it) {
+  // Half a millimetre, in the way of the hand.
+  wall({box({0.4, 0.25, 0.5}, {0.5, 0.00025, 0.5})});
+  Vector7 goal = kHome;
+  goal[0] = 1.2;
+  for (const double duration : {1.5, 4.}) {
+    least = 1e9;
+    go_to(goal, duration);
+    cycles(6000);
+    ASSERT_FALSE(results.empty());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    EXPECT_EQ(results.back().wall, 1u);
+    EXPECT_GT(least, 0.0095);
+    EXPECT_LT(clearance(), 0.015);
+    EXPECT_LT(robot.dq().norm(), 1e-6);
+    go_to(kHome, 2);  // and back
+    cycles(3000);
+    EXPECT_LT((robot.q() - kHome).norm(), 1e-3);
+    EXPECT_EQ(results.back().wall, 0u);
+  }
+}
+
+TEST_F(Walled, an_arm_that_dodges_comes_to_rest) {
+  wall({box({0.4, 0.25, 0.5}, {0.5, 0.005, 0.5})});
+  Vector7 goal = kHome;
+  goal[0] = 0.9;
+  for (const double duration : {2., 20.}) {
+    go_to(goal, duration);
+    cycles(static_cast<int>(1000 * duration) + 2000);
+    ASSERT_EQ(results.back().ending, Ending::kTerminated);
+    EXPECT_EQ(results.back().wall, 1u);
+    EXPECT_LT(results.back().time, duration + 1.5);
+    EXPECT_GT(least, 0.0095);
+    go_to(kHome, 2);
+    cycles(3000);
+    EXPECT_LT((robot.q() - kHome).norm(), 1e-3);
+  }
+}
+
+TEST_F(Walled, whatever_is_asked_for_nothing_is_touched) {
+  Random random;
+  wall({plane({0, 0, 0}, Vector3::UnitZ()), plane({0.65, 0, 0}, -Vector3::UnitX()), box({0.4, 0.35, 0.3}, {0.1, 0.05, 0.3}),
+        box({0.45, -0.3, 0.2}, {0.15, 0.02, 0.2})});
+  int walled = 0;
+  for (int n = 0; n < 40; ++n) {
+    Vector7 q;
+    for (int i = 0; i < 7; ++i) q[i] = random.in(robot.limits.q_min[i] + 0.1, robot.limits.q_max[i] - 0.1);
+    std::unique_ptr<Controller> controller = std::make_unique<Internal>();
+    if (n % 2 == 1) {
+      controller = std::make_unique<JointImpedance>(JointImpedance::Parameters{Vector7::Constant(300), Vector7::Constant(30)});
+    }
+    go_to(q, random.in(0.5, 3), std::move(controller));  // preempts
+    cycles(static_cast<int>(random.in(200, 2500)));
+    for (const SkillResult& result : results) walled += result.wall != 0;
+    results.clear();
+    EXPECT_GT(least, 0.002) << n;
+  }
+  EXPECT_GT(walled, 5);
+}
+
+TEST_F(Walled, an_arm_that_is_inside_may_only_go_away) {
+  const Vector3 tips = SimulatedArm("fr3").cycle.O_T_EE.translation();
+  wall({box(tips - Vector3(0, 0, 0.08), Vector3::Constant(0.1))});
+  cycles(5);
+  const double before = clearance();
+  ASSERT_LT(before, 0);
+  Vector7 down = kHome, up = kHome;
+  down[1] += 0.3;
+  up[1] -= 0.3;
+  go_to(down, 2);
+  cycles(3000);
+  EXPECT_GT(least, before - 1e-4);
+  go_to(up, 2);
+  cycles(3000);
+  EXPECT_GT(clearance(), 0.01);
+  EXPECT_LT((robot.q() - up).norm(), 0.01);
+}
+
+TEST_F(Walled, walls_come_and_go_while_a_skill_runs) {
+  Vector7 goal = kHome;
+  goal[0] = 1;
+  go_to(goal, 2);
+  cycles(500);
+  wall({box({0.4, 0.3, 0.5}, {0.5, 0.02, 0.5})});
+  cycles(4000);
+  EXPECT_GT(clearance(), 0.0095);
+  EXPECT_EQ(results.back().wall, 1u);
+  go_to(goal, 2);
+  cycles(200);
+  wall({});
+  cycles(3000);
+  EXPECT_LT((robot.q() - goal).norm(), 1e-3);
+}
+
+// --- torque --------------------------------------------------------------------------------------------------------------------
+
+class PushedBack : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Arms, PushedBack, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
+
+TEST_P(PushedBack, an_arm_without_a_spring_of_its_own_stops_before_a_wall_and_is_held_off_it) {
+  SimulatedArm arm(GetParam(), kMotors);
+  WallGuard guard;
+  auto* walls = new Walls{ArmCapsules(models::arm(GetParam()), true), {}};
+  const double ahead = arm.cycle.O_T_EE.translation().x() + 0.25;
+  walls->walls.push_back({1, plane({ahead, 0, 0}, -Vector3::UnitX())});
+  ASSERT_EQ(guard.change(walls), nullptr);
+  const auto clearance = [&] { return clearance_of(*walls, arm.q); };
+  double fastest = 0, least = 1e9;
+  for (int k = 0; k < 6000; ++k) {
+    Vector6 push = Vector6::Zero();
+    push[0] = 30;  // N, towards the wall
+    Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
+    guard.add(arm.q, arm.dq, arm.model.mass(), arm.model.coriolis(), tau);
+    const Vector7 external = arm.model.jacobian().transpose() * push;
+    fastest = std::max(fastest, (arm.model.jacobian() * arm.dq)[0]);
+    arm.step(tau, external);
+    least = std::min(least, clearance());
+  }
+  EXPECT_GT(fastest, 0.3);
+  EXPECT_GT(least, 0);
+  EXPECT_LT(clearance(), 0.03);
+  EXPECT_LT(std::abs((arm.model.jacobian() * arm.dq)[0]), 0.02);
+}
+
+}  // namespace

@@ -1,0 +1,252 @@
+#include <gtest/gtest.h>
+#include <spdlog/fmt/fmt.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <fstream>
+#include <functional>
+#include <thread>
+
+#include "server/recorder.hpp"
+
+namespace server {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+// Python's MCAP library reads what was written: topic, sequence and size of each message.
+std::vector<std::string> read(const fs::path& path) {
+  const std::string command = std::string(PYTHON) + " -c '" +
+                              "import sys\n"
+                              "from mcap.reader import make_reader\n"
+                              "for schema, channel, message in make_reader(open(sys.argv[1], \"rb\"), validate_crcs=True).iter_messages():\n"
+                              "    print(channel.topic, schema.name, message.sequence, len(message.data))\n' " +
+                              path.string();
+  FILE* pipe = popen(command.c_str(), "r");
+  std::vector<std::string> lines;
+  char line[512];
+  while (fgets(line, sizeof line, pipe) != nullptr) lines.emplace_back(line, strcspn(line, "\n"));
+  EXPECT_EQ(pclose(pipe), 0);
+  return lines;
+}
+
+std::size_t count(const std::vector<std::string>& lines, const std::string& start) {
+  return std::count_if(lines.begin(), lines.end(), [&](const auto& line) { return line.starts_with(start); });
+}
+
+class RecordingTest : public testing::Test {
+ protected:
+  RecordingTest() {
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+    config_.folder = folder_;
+  }
+  ~RecordingTest() override { fs::remove_all(folder_); }
+
+  // Cycles of an arm.
+  void cycles(int n, realtime::Phase phase = realtime::Phase::kRunning, std::uint64_t skill = 1) {
+    for (; n > 0; --n) {
+      ++record_.cycles;
+      record_.phase = phase;
+      record_.skill_id = skill;
+      record_.received_ns = start_ + static_cast<std::int64_t>(record_.cycles) * 1'000'000;
+      record_.state.q.fill(1e-3 * static_cast<double>(record_.cycles));
+      record_.state.robot_mode = robot_mode_;
+      box_.records.push(record_);
+    }
+  }
+
+  std::vector<fs::path> files() const {
+    std::vector<fs::path> files;
+    if (fs::exists(folder_ / "arm")) {
+      for (const auto& entry : fs::directory_iterator(folder_ / "arm")) files.push_back(entry.path());
+    }
+    std::sort(files.begin(), files.end());
+    return files;
+  }
+  bool wait_for(const std::function<bool()>& so) const {
+    for (int i = 0; i < 1000 && !so(); ++i) std::this_thread::sleep_for(10ms);
+    return so();
+  }
+
+  const fs::path folder_ = fs::temp_directory_path() / fmt::format("test-recording-{}", getpid());
+  RecordingsConfig config_;
+  BlackBox box_;
+  realtime::Record record_;
+  fci::RobotMode robot_mode_ = fci::RobotMode::kMove;
+  const std::int64_t start_ = 1'000'000'000;
+};
+
+TEST_F(RecordingTest, IsReadByAnIndependentLibrary) {
+  Recording recording(box_, folder_ / "a.mcap", {}, {{"arm", "left"}});
+  cycles(2500);
+  box_.journal.note("/log", "frankapy.proto.LogLine", "", 7);
+  recording.write();
+  recording.close();
+  EXPECT_EQ(recording.states(), 2500u);
+  EXPECT_EQ(recording.lost(), 0u);
+  const auto lines = read(folder_ / "a.mcap");
+  EXPECT_EQ(count(lines, "/states frankapy.proto.ArmState"), 2500u);
+  EXPECT_EQ(count(lines, "/log frankapy.proto.LogLine 7 0"), 1u);
+  EXPECT_TRUE(lines.at(0).starts_with("/states frankapy.proto.ArmState 1 ")) << lines.at(0);
+}
+
+TEST_F(RecordingTest, BeginsInThePast) {
+  cycles(4000);
+  Recording recording(box_, folder_ / "a.mcap", {.past = 1000}, {});
+  cycles(10);
+  recording.write();
+  recording.close();
+  EXPECT_EQ(recording.states(), 1010u);
+  EXPECT_NEAR(recording.time(), 1.009, 1e-9);
+}
+
+TEST_F(RecordingTest, WhatIsOverwrittenIsCounted) {
+  Recording recording(box_, folder_ / "a.mcap", {}, {});
+  cycles(BlackBox::kRecords + 100);
+  recording.write();
+  EXPECT_GT(recording.lost(), 100u);
+  EXPECT_EQ(recording.lost() + recording.states(), BlackBox::kRecords + 100);
+}
+
+TEST_F(RecordingTest, AnIdleArmTakesATenthOfIt) {
+  Recording recording(box_, folder_ / "a.mcap", {.idle_step = 10}, {});
+  cycles(1000, realtime::Phase::kIdle, 0);
+  cycles(100);
+  recording.write();
+  EXPECT_EQ(recording.states(), 200u);
+}
+
+TEST_F(RecordingTest, EachSkillHasItsFile) {
+  config_.mode = RecordingsConfig::Mode::kSkills;
+  Recorder recorder(box_, config_, "arm", nullptr);
+  cycles(1000, realtime::Phase::kIdle, 0);
+  std::this_thread::sleep_for(50ms);
+  EXPECT_TRUE(files().empty());
+  cycles(500);
+  ASSERT_TRUE(wait_for([&] { return recorder.ask({}).open(); }));
+  ASSERT_TRUE(wait_for([&] { return !recorder.ask({}).open(); }));  // half a second after the last
+  ASSERT_EQ(files().size(), 1u);
+  const auto lines = read(files()[0]);
+  EXPECT_GE(count(lines, "/states"), 500u);
+  EXPECT_LE(count(lines, "/states"), 700u);
+}
+
+TEST_F(RecordingTest, AnErrorIsKeptWithTheTenSecondsBefore) {
+  {
+    Recorder recorder(box_, config_, "arm", nullptr);
+    box_.journal.note("/log", "frankapy.proto.LogLine", "");
+    cycles(9000);
+    robot_mode_ = fci::RobotMode::kReflex;
+    record_.state.reflex_reason[static_cast<std::size_t>(fci::Error::kJointReflex)] = true;
+    cycles(10, realtime::Phase::kError, 0);
+    ASSERT_TRUE(wait_for([&] { return !files().empty(); }));
+    cycles(20, realtime::Phase::kError, 0);
+  }
+  ASSERT_EQ(files().size(), 1u);
+  EXPECT_NE(files()[0].string().find("error-joint_reflex"), std::string::npos) << files()[0];
+  const auto lines = read(files()[0]);
+  EXPECT_EQ(count(lines, "/states"), 9030u);
+  EXPECT_EQ(count(lines, "/log"), 1u);
+}
+
+TEST_F(RecordingTest, NeverTakesMoreThanItMay) {
+  config_.mode = RecordingsConfig::Mode::kAlways;
+  config_.max_gb = 0.01;
+  fs::create_directories(folder_ / "arm");
+  std::ofstream(folder_ / "arm" / "2020-01-01T00-00-00.000Z-all.mcap") << std::string(8'000'000, 'x');
+  std::ofstream(folder_ / "arm" / "2020-01-02T00-00-00.000Z-all.mcap") << std::string(8'000'000, 'x');
+  std::ofstream(folder_ / "arm" / "notes.txt") << std::string(8'000'000, 'x');
+  Recorder recorder(box_, config_, "arm", nullptr);
+  cycles(100);
+  ASSERT_TRUE(wait_for([&] { return !fs::exists(folder_ / "arm" / "2020-01-01T00-00-00.000Z-all.mcap"); }));
+  EXPECT_TRUE(fs::exists(folder_ / "arm" / "2020-01-02T00-00-00.000Z-all.mcap"));
+  EXPECT_TRUE(fs::exists(folder_ / "arm" / "notes.txt"));
+}
+
+TEST_F(RecordingTest, ADiskThatTakesNothingIsSaid) {
+  config_.mode = RecordingsConfig::Mode::kAlways;
+  config_.folder = "/proc/nowhere";
+  Recorder recorder(box_, config_, "arm", nullptr);
+  ASSERT_TRUE(wait_for([&] { return recorder.ask({}).has_error(); }));
+  EXPECT_NE(recorder.ask({}).error().find("/proc/nowhere"), std::string::npos) << recorder.ask({}).error();
+  EXPECT_FALSE(recorder.ask({}).open());
+}
+
+TEST_F(RecordingTest, AClientAsksForIt) {
+  Recorder recorder(box_, config_, "arm", nullptr);
+  frankapy::proto::Record request;
+  request.set_on(true);
+  recorder.ask(request);
+  ASSERT_TRUE(wait_for([&] { return recorder.ask({}).open(); }));
+  cycles(300);
+  ASSERT_TRUE(wait_for([&] { return recorder.ask({}).states() == 300; }));
+  request.set_on(false);
+  recorder.ask(request);
+  ASSERT_TRUE(wait_for([&] { return !recorder.ask({}).open(); }));
+  EXPECT_EQ(count(read(recorder.ask({}).file()), "/states"), 300u);
+}
+
+// A process that records is killed: what it wrote is readable to the last chunk, and what it had not yet written is in its black
+// box.
+TEST_F(RecordingTest, SurvivesItsProcess) {
+  const int fd = make_black_box_file();
+  const pid_t child = fork();
+  if (child == 0) {
+    BlackBox box = BlackBox::in(fd);
+    Recording recording(box, folder_ / "a.mcap", {}, {});
+    record_.phase = realtime::Phase::kRunning;
+    for (int i = 1;; ++i) {
+      record_.cycles = static_cast<std::uint64_t>(i);
+      record_.received_ns = start_ + i * 1'000'000ll;
+      box.records.push(record_);
+      recording.write();
+      usleep(1000);
+    }
+  }
+  const fs::path file = folder_ / "a.mcap";
+  ASSERT_TRUE(wait_for([&] { return fs::exists(file) && fs::file_size(file) > 5000; }));
+  kill(child, SIGKILL);
+  waitpid(child, nullptr, 0);
+  // Without its end the file is read from the beginning, as far as it goes.
+  const std::string command = std::string(PYTHON) + " -c '" +
+                              "import sys\n"
+                              "from mcap.reader import NonSeekingReader\n"
+                              "n = 0\n"
+                              "try:\n"
+                              "    for _ in NonSeekingReader(open(sys.argv[1], \"rb\")).iter_messages(log_time_order=False): n += 1\n"
+                              "except Exception as error:\n"
+                              "    print(type(error).__name__, file=sys.stderr)\n"
+                              "sys.exit(n < 100)\n' " +
+                              file.string();
+  EXPECT_EQ(std::system(command.c_str()), 0);
+  const fs::path left = write_black_box(fd, config_, "arm", "was killed by signal 9");
+  EXPECT_NE(left.string().find("crash-was-killed-by-signal-9"), std::string::npos) << left;
+  EXPECT_GE(count(read(left), "/states"), 100u);
+  close(fd);
+}
+
+TEST(Journal, KeepsTheNewestWholeEntries) {
+  BlackBox box;
+  const std::string bytes(100'000, 'x');
+  for (std::uint32_t i = 1; i <= 100; ++i) box.journal.note("/topic", "type", bytes, i, 17);
+  std::uint64_t place = 0;
+  Journal::Entry entry;
+  std::uint32_t last = 0, n = 0;
+  while (box.journal.read(place, entry)) {
+    EXPECT_EQ(entry.topic, "/topic");
+    EXPECT_EQ(entry.type, "type");
+    EXPECT_EQ(entry.bytes, bytes);
+    EXPECT_EQ(entry.sent_ns, 17);
+    EXPECT_TRUE(last == 0 || entry.sequence == last + 1) << entry.sequence;
+    last = entry.sequence;
+    ++n;
+  }
+  EXPECT_EQ(last, 100u);
+  EXPECT_EQ(n, 41u);  // of 100 kB in 4 MiB
+}
+
+}  // namespace
+}  // namespace server
