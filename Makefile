@@ -18,9 +18,13 @@ export CCACHE_BASEDIR := $(CURDIR)
 export CCACHE_NOHASHDIR := 1
 export CCACHE_SLOPPINESS := pch_defines,time_macros
 
+# Where tests leave what came of them, in files that others read too.
+JUNIT := $(CURDIR)/$(BUILD)/junit
+
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help packages setup build demo test bench interop fuzz sanitize asan tsan clean
+.PHONY: help packages setup build programs demo demo-realtime test test-cpp test-python test-nightly wall wall-20 bench \
+	interop interop-lockstep peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -28,29 +32,65 @@ help: ## list the targets
 setup: $(VENV)/.frankapy ## install what is missing: system packages, .venv, frankapy in it
 
 build: $(BUILD)/build.ninja ## configure and compile programs and tests
-	cmake --build $(BUILD) -j $(JOBS)
+	cmake --build $(BUILD) -j $(JOBS) -- -k 0
 
-demo: $(BUILD)/build.ninja $(VENV)/.frankapy ## watch a Python script move a simulated arm
-	cmake --build $(BUILD) -j $(JOBS) --target franka-interface fci-sim fci-render wire_proto
+programs: $(BUILD)/build.ninja
+	cmake --build $(BUILD) -j $(JOBS) --target franka-interface fci-sim fci-render client wire_proto
+
+demo: programs $(VENV)/.frankapy ## watch a Python script move a simulated arm
 	$(VENV)/bin/python examples/demo.py
 
-test: build $(VENV)/.frankapy ## run the C++ and the Python tests
-	ctest --test-dir $(BUILD) -j $(JOBS) --output-on-failure
-	$(VENV)/bin/python -m pytest tests/python
+demo-realtime: programs $(VENV)/.frankapy
+	$(VENV)/bin/python examples/demo.py --real-time
+
+test: test-cpp test-python ## run the C++ and the Python tests
+
+# Tests about wall time (label and marker `wall`) run apart, alone on the computer; those of `make nightly` take long.
+CTEST  = ctest --test-dir $(BUILD) --output-on-failure --output-junit $(JUNIT)/ctest.xml $(if $(AGAIN),--rerun-failed)
+PYTEST = $(VENV)/bin/python -m pytest tests/python --junit-xml $(JUNIT)/pytest.xml $(if $(AGAIN),--lf --lfnf none)
+
+test-cpp: build
+	$(CTEST) -j $(JOBS) -LE 'wall|nightly'
+
+test-python: programs $(VENV)/.frankapy
+	$(PYTEST) -m 'not wall and not nightly'
+
+test-nightly: programs $(VENV)/.frankapy
+	$(PYTEST) -m nightly
+
+wall: build $(VENV)/.frankapy
+	$(CTEST) -j 1 -L wall; cpp=$$?; $(PYTEST) -m wall && exit $$cpp
+
+wall-20: build $(VENV)/.frankapy
+	$(CTEST) -j 1 -L wall --repeat until-fail:20; failed=$$?; for i in $$(seq 20); do \
+	  $(PYTEST:pytest.xml=pytest-$$i.xml) -m wall || failed=1; done; exit $$failed
 
 bench: build $(VENV)/.frankapy ## measure, and write build/bench.json
 	cmake --build $(BUILD) -j $(JOBS) --target bench/all
 	$(VENV)/bin/python bench/run.py
 
 interop: build $(VENV)/.frankapy ## run independent programs against ours
-	$(VENV)/bin/python tests/interop/run.py
+	$(VENV)/bin/python tests/interop/run.py --junit $(JUNIT)/interop.xml
 
-fuzz: $(BUILD)/asan/build.ninja ## send mutated bytes to every parser, under sanitizers: SECONDS=600
+interop-lockstep: build $(VENV)/.frankapy
+	$(VENV)/bin/python tests/interop/run.py --junit $(JUNIT)/interop.xml --lockstep
+
+fuzz: fuzz-600 ## send mutated bytes to every parser, under sanitizers, for ten minutes each
+
+fuzz-gate: fuzz-30
+
+fuzz-%: $(BUILD)/asan/build.ninja
 	cmake --build $(BUILD)/asan -j $(JOBS) --target client_to_arm arm_to_client
 	for target in client_to_arm arm_to_client; do \
-	  $(BUILD)/asan/bin/$$target tests/fuzz/corpus/$$target $(SECONDS) || exit 1; done
+	  $(BUILD)/asan/bin/$$target tests/fuzz/corpus/$$target $* || exit 1; done
 
-sanitize: asan tsan ## run the C++ tests under address, undefined and thread sanitizer
+sanitize: asan-all tsan-all ## run the C++ tests under address, undefined and thread sanitizer
+
+gate: ## what every change has to pass
+	scripts/run_stages.py gate
+
+nightly: ## everything, and more of the same; takes hours
+	scripts/run_stages.py nightly
 
 clean: ## remove what was built (not .venv)
 	rm -rf $(BUILD)
@@ -76,8 +116,6 @@ $(BUILD)/build.ninja: $(VENV)/.installed
 $(BUILD)/%/build.ninja: $(VENV)/.installed
 	cmake -S . -B $(@D) -G Ninja -DSANITIZE=$(SANITIZE_$*)
 
-SECONDS := 600
-
 SANITIZE_asan := address,undefined
 SANITIZE_tsan := thread
 
@@ -85,11 +123,17 @@ SANITIZE_tsan := thread
 # forbid to ask for fixed ones (setarch -R), and then mostly does not need it.
 FIXED_ADDRESSES = $(shell setarch -R true 2> /dev/null && echo setarch -R)
 
-# Threads are in these rooms alone.
-TARGETS_tsan := --target robot_test server_test sim_test
-LABELS_tsan  := -L '^(robot|server|sim)$$'
+# The gate has the first what reads bytes from outside and the loop, and the second what several threads share.
+ROOMS_asan := wire realtime robot
+ROOMS_tsan := bridge server
+ROOMS_asan-all := wire models bridge realtime robot server sim
+ROOMS_tsan-all := bridge robot server sim
 
-asan tsan: %: $(BUILD)/%/build.ninja
-	cmake --build $(BUILD)/$@ -j $(JOBS) $(TARGETS_$@)
-	TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" \
-	  $(FIXED_ADDRESSES) ctest --test-dir $(BUILD)/$@ $(LABELS_$@) -j $(JOBS) --output-on-failure
+asan asan-all tsan tsan-all: FOLDER = $(BUILD)/$(@:-all=)
+asan asan-all: $(BUILD)/asan/build.ninja
+tsan tsan-all: $(BUILD)/tsan/build.ninja
+asan asan-all tsan tsan-all:
+	cmake --build $(FOLDER) -j $(JOBS) --target $(addsuffix _test,$(ROOMS_$@))
+	TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" $(FIXED_ADDRESSES) ctest --test-dir $(FOLDER) -j $(JOBS) \
+	  -L '^($(subst $() ,|,$(ROOMS_$@)))$$' -LE '$(if $(findstring all,$@),^$$,wall|nightly)' \
+	  --output-on-failure --output-junit $(JUNIT)/ctest.xml

@@ -1,0 +1,279 @@
+#!/usr/bin/python3
+"""Run stages, each under a limit of its own and whatever became of the others, and say what came of them.
+
+    run_stages.py gate|nightly [STAGE...]
+
+A stage is a target of the Makefile. What it prints is in build/stages/<stage>.log, what its tests say of themselves in
+JUnit files below build/stages/<stage>/, and these are what is counted; a stage that writes none counts as one test. A stage
+that takes longer than it should is SLOW, and at twice that is ended and has failed. Tests of the stage `wall` are about wall
+time and have three tries. Everything that a stage has started is ended with it. `nightly` also writes build/nightly.json.
+Exit status: 0 when all passed.
+"""
+
+import ctypes
+import dataclasses
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+FOLDER = REPOSITORY / "build" / "stages"
+PR_SET_CHILD_SUBREAPER = 36
+LAST_LINES = 30
+
+
+@dataclasses.dataclass
+class Stage:
+    """A target, how long it should take at the most, s, and how often its failed tests are tried."""
+
+    target: str
+    allowed: float
+    tries: int = 1
+
+
+# Twice of what a machine with two cores needs that has compiled nothing before; 20 minutes together where it has.
+GATE = [
+    Stage("setup", 180),
+    Stage("build", 900),
+    Stage("test-cpp", 240),
+    Stage("test-python", 420),
+    Stage("interop-lockstep", 180),
+    Stage("demo", 120),
+    Stage("asan", 600),
+    Stage("tsan", 420),
+    Stage("fuzz-gate", 150),
+    Stage("wall", 120, tries=3),
+]
+NIGHTLY = [
+    Stage("setup", 600),
+    Stage("build", 3600),
+    Stage("test-cpp", 900),
+    Stage("test-python", 1200),
+    Stage("test-nightly", 7200),
+    Stage("wall-20", 3600),
+    Stage("interop", 1800),
+    Stage("demo-realtime", 300),
+    Stage("asan-all", 5400),
+    Stage("tsan-all", 5400),
+    Stage("fuzz", 1500),
+    Stage("bench", 36000),
+]
+
+
+@dataclasses.dataclass
+class Outcome:
+    """What came of a stage: its tests by name with what the failed ones said, and what it printed last if it failed."""
+
+    stage: Stage
+    seconds: float = 0
+    tests: int = 0
+    failed: dict[str, str] = dataclasses.field(default_factory=dict)
+    again: list[str] = dataclasses.field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        """One word for the table."""
+        return "FAILED" if self.failed else "SLOW" if self.seconds > self.stage.allowed else "ok"
+
+
+def descendants() -> list[int]:
+    """Every process that comes from this one, also those whose parents have gone."""
+    parents = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            try:
+                parents[int(folder.name)] = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            except (OSError, IndexError):
+                continue
+    found = {os.getpid()}
+    while grown := {process for process, parent in parents.items() if parent in found} - found:
+        found |= grown
+    return list(found - {os.getpid()})
+
+
+def end_descendants() -> None:
+    """End them, first with a word."""
+    for number, patience in ((signal.SIGTERM, 3), (signal.SIGKILL, 1)):
+        for process in descendants():
+            try:
+                os.kill(process, number)
+            except ProcessLookupError:
+                continue
+        deadline = time.monotonic() + patience
+        while descendants() and time.monotonic() < deadline:
+            try:
+                while os.waitpid(-1, os.WNOHANG)[0]:
+                    pass
+            except ChildProcessError:
+                pass
+            time.sleep(0.05)
+
+
+def last_lines(text: str) -> str:
+    """The end of what something printed."""
+    return "\n".join(line[:300] for line in text.strip().splitlines()[-LAST_LINES:])
+
+
+def read_junit(folder: Path) -> tuple[int, dict[str, str]]:
+    """The number of tests that ran, and what each failed one said, by name."""
+    count, failed = 0, {}
+    for file in sorted(folder.glob("*.xml")):
+        try:
+            cases = list(ElementTree.parse(file).iter("testcase"))
+        except ElementTree.ParseError as error:
+            failed[file.name] = f"not readable: {error}"
+            continue
+        for case in cases:
+            if case.find("skipped") is not None:
+                continue
+            count += 1
+            wrong = [part for part in case if part.tag in ("failure", "error")]
+            if wrong or case.get("status") == "fail":
+                name = f"{case.get('classname', '')}.{case.get('name')}" if file.stem != "ctest" else case.get("name")
+                said = [f"{part.get('message') or ''}\n{part.text or ''}" for part in wrong]
+                said += [part.text or "" for part in case.iter("system-out")]
+                failed[name] = last_lines("\n".join(said))
+    return count, failed
+
+
+def run_make(target: str, log: Path, junit: Path, again: bool, limit: float) -> int | None:
+    """Run a target; its exit status, or None when it was ended."""
+    shutil.rmtree(junit, ignore_errors=True)
+    junit.mkdir(parents=True, exist_ok=True)
+    command = ["make", "--no-print-directory", target, f"JUNIT={junit}", *(["AGAIN=1"] if again else [])]
+    with log.open("a" if again else "w") as output:
+        process = subprocess.Popen(
+            command, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+        )
+        try:
+            return process.wait(limit)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            end_descendants()
+
+
+def run(stage: Stage) -> Outcome:
+    """Run a stage, and its failed tests again where they have more tries."""
+    log, junit = FOLDER / f"{stage.target}.log", FOLDER / stage.target
+    start = time.monotonic()
+    outcome = Outcome(stage)
+    for attempt in range(stage.tries):
+        left = 2 * stage.allowed - (time.monotonic() - start)
+        status = run_make(stage.target, log, junit, attempt > 0, max(left, 1))
+        count, failed = read_junit(junit)
+        if attempt == 0:
+            outcome.tests = count
+        if status is None:
+            failed[f"make {stage.target}"] = f"ended after {2 * stage.allowed:g} s\n" + last_lines(log.read_text(errors="replace"))
+        elif status != 0 and not failed:
+            failed[f"make {stage.target}"] = last_lines(log.read_text(errors="replace"))
+        outcome.failed = failed
+        if not failed or status is None or not count:
+            break
+        if attempt + 1 < stage.tries:
+            outcome.again = sorted({*outcome.again, *failed})
+    outcome.tests = max(outcome.tests, len(outcome.failed), 1)
+    outcome.seconds = time.monotonic() - start
+    return outcome
+
+
+def troubles() -> list[str]:
+    """What is wrong with this computer that may have made stages fail."""
+    found = []
+    for folder, needed in ((REPOSITORY, 4e9), (Path("/dev/shm"), 2e8), (Path("/tmp"), 1e9)):
+        try:
+            if (free := shutil.disk_usage(folder).free) < needed:
+                found.append(f"{folder} has {free / 1e6:.0f} MB left; some {needed / 1e6:.0f} MB are needed")
+        except OSError as error:
+            found.append(f"{folder}: {error.strerror}")
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            program, *arguments = (process / "cmdline").read_text().split("\0")
+        except OSError:
+            continue
+        if Path(program).name in ("fci-sim", "franka-interface"):
+            found.append(f"left over from another run: process {process.name}, {Path(program).name} {' '.join(arguments)}")
+    return found
+
+
+def compiler_cache() -> str:
+    """What ccache says of this run."""
+    try:
+        said = subprocess.run(["ccache", "--print-stats"], capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return "no ccache"
+    numbers = dict(line.split("\t") for line in said.splitlines())
+    hits = int(numbers["direct_cache_hit"]) + int(numbers["preprocessed_cache_hit"])
+    return f"{hits} of {hits + int(numbers['cache_miss'])} found by ccache since its counters were last zero"
+
+
+def report(outcomes: list[Outcome], seconds: float) -> None:
+    """The table, what failed and why, and as the last line what counts."""
+    for outcome in outcomes:
+        for name, said in outcome.failed.items():
+            print(f"\n--- {outcome.stage.target}: {name}\n{said}")
+    print(f"\n{'stage':18}{'tests':>7}{'failed':>8}{'s':>8}{'of':>7}")
+    for o in outcomes:
+        print(f"{o.stage.target:18}{o.tests:7}{len(o.failed):8}{o.seconds:8.0f}{o.stage.allowed:7.0f}  {o.verdict}")
+    print(f"{'all':18}{sum(o.tests for o in outcomes):7}{sum(len(o.failed) for o in outcomes):8}{seconds:8.0f}")
+    print(f"{os.cpu_count()} processors; {compiler_cache()}")
+    for outcome in outcomes:
+        for name in outcome.failed:
+            print(f"failed: {outcome.stage.target}: {name}")
+        for name in outcome.again:
+            print(f"needed a second try: {name}")
+    if any(outcome.failed for outcome in outcomes):
+        for trouble in troubles():
+            print(f"this computer: {trouble}")
+    failed = sum(len(o.failed) for o in outcomes)
+    print(f"{sum(o.tests for o in outcomes) - failed} passed, {failed} failed")
+
+
+def stopped(number: int, _frame: object) -> None:
+    """Let `finally` clauses run."""
+    raise KeyboardInterrupt(signal.Signals(number).name)
+
+
+def main() -> int:
+    """Run what is asked for."""
+    lists = {"gate": GATE, "nightly": NIGHTLY}
+    if len(sys.argv) < 2 or sys.argv[1] not in lists:
+        sys.exit(__doc__)
+    stages = lists[sys.argv[1]]
+    if unknown := set(sys.argv[2:]) - {stage.target for stage in stages}:
+        sys.exit(f"no such stage: {', '.join(sorted(unknown))}; there are {', '.join(s.target for s in stages)}")
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stopped)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    subprocess.run(["ccache", "--zero-stats"], capture_output=True, check=False) if shutil.which("ccache") else None
+
+    start, outcomes, interrupted = time.monotonic(), [], False
+    try:
+        for stage in stages:
+            if sys.argv[2:] and stage.target not in sys.argv[2:]:
+                continue
+            print(f"{stage.target:18}", end="", flush=True)
+            outcomes.append(outcome := run(stage))
+            print(f"{outcome.verdict:8}{outcome.tests:5} tests{outcome.seconds:7.0f} s", flush=True)
+    except KeyboardInterrupt:
+        interrupted = True
+        end_descendants()
+    report(outcomes, time.monotonic() - start)
+    if sys.argv[1] == "nightly":
+        results = {o.stage.target: {"tests": o.tests, "failed": sorted(o.failed), "seconds": o.seconds} for o in outcomes}
+        (REPOSITORY / "build" / "nightly.json").write_text(json.dumps(results, indent=2) + "\n")
+    if interrupted:
+        print("stopped before the end", file=sys.stderr)
+    return 1 if interrupted or any(outcome.failed for outcome in outcomes) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
