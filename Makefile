@@ -23,7 +23,7 @@ JUNIT := $(CURDIR)/$(BUILD)/junit
 
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help packages setup build programs demo demo-realtime test test-cpp test-python test-nightly wall wall-20 bench \
+.PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly wall wall-20 bench \
 	interop interop-lockstep peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
@@ -40,8 +40,8 @@ programs: $(BUILD)/build.ninja
 demo: programs $(VENV)/.frankapy ## watch a Python script move a simulated arm
 	$(VENV)/bin/python examples/demo.py
 
-demo-realtime: programs $(VENV)/.frankapy
-	$(VENV)/bin/python examples/demo.py --real-time
+demo-lockstep: programs $(VENV)/.frankapy
+	$(VENV)/bin/python examples/demo.py --lockstep
 
 test: test-cpp test-python ## run the C++ and the Python tests
 

@@ -1,7 +1,8 @@
 """What `make demo` runs: a simulated arm moves, picks up a block and puts it elsewhere, and what happened is drawn.
 
-Starts an arm and a server of its own on addresses that are free. Ends with an error when the block is not where it
-should be, judged by what the physics wrote down, not by what was commanded. Leaves pictures in build/demo/.
+Starts an arm and a server of its own on addresses that are free; with --lockstep as fast as this computer can. Ends with
+an error when the block is not where it should be, judged by what the physics wrote down, not by what was commanded. Leaves
+pictures in build/demo/.
 """
 
 import subprocess
@@ -197,7 +198,8 @@ def main() -> int:
     begun = time.monotonic()
     FOLDER.mkdir(parents=True, exist_ok=True)
     print("A simulated FR3, a server for it, and a Python script that moves it.", flush=True)
-    with Simulation(SimulatedArm(scene=SCENE, truth=TRUTH)) as simulation:
+    arm = SimulatedArm(scene=SCENE, truth=TRUTH, lockstep="--lockstep" in sys.argv[1:])
+    with Simulation(arm) as simulation:
         print(f"arm at {simulation.addresses[0]}, server at {simulation.server}", flush=True)
         begins, states = run(simulation)
     truth = read_truth(TRUTH)

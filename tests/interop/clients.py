@@ -2,7 +2,7 @@
 
 import dataclasses
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from peer import REPOSITORY, Result, environment, free_address
@@ -68,10 +68,10 @@ def try_client(client: Client, python: Path, program: Path, mode: str) -> Iterat
         arm.wait(10)
 
 
-def run(build: Path) -> Iterator[Result]:
+def run(build: Path, modes: Iterable[str] = MODES) -> Iterator[Result]:
     """Every client, with the arm in real time and in lockstep."""
     program = build / "bin" / "fci-sim"
     for client in CLIENTS:
-        python = environment(build, [f"{client.name}=={client.version}"])
-        for mode in MODES:
+        python = environment(client.name, client.version)
+        for mode in modes:
             yield from try_client(client, python, program, mode)

@@ -106,7 +106,7 @@ def run(build: Path) -> Iterator[Result]:
             yield result
 
     for name, version, script, robot in CLIENTS:
-        python = environment(build, [f"{name}=={version}"])
+        python = environment(name, version)
         yield from kept(try_client(f"{name} {version}", python, script, robot, build / "bin" / "fci-sim"))
     yield from kept(try_own(build / "bin" / "sim_test"))
     missing = set(error_names()) - {result.capability for result in results if result.ok} - set(UNPROVOKED)

@@ -14,7 +14,7 @@ CLIENTS = [  # package, version, script, arm, what it gives
     ("panda-python", "1.1.1", "panda_python_model.py", "fer", "library"),
     ("pylibfranka", "0.21.3", "pylibfranka_model.py", "fr3", "URDF"),
 ]
-PINOCCHIO = "pin==4.1.0"
+PINOCCHIO = ("pin", "4.1.0")
 TOLERANCES = {"pose": 1e-6, "zero_jacobian": 1e-6, "body_jacobian": 1e-6}  # m, rad
 DYNAMICS = 1e-4  # kg m², N m
 TIME = 240  # s
@@ -34,15 +34,16 @@ def urdf(address: str) -> str:
 
 def run(build: Path) -> Iterator[Result]:
     """Every client that has model functions."""
-    pinocchio = environment(build, [PINOCCHIO])
+    pinocchio = environment(*PINOCCHIO)
     for name, version, script, robot, what in CLIENTS:
-        python = environment(build, [f"{name}=={version}"])
+        python = environment(name, version)
         address = free_address()
         command = [build / "bin" / "fci-sim", "--robot", robot, "--listen", address, "--lockstep"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as arm:
             arm.stdout.readline()  # the line that says it is ready
             try:
                 description = build / "interop" / f"{robot}.urdf"
+                description.parent.mkdir(exist_ok=True)
                 description.write_text(urdf(address))
                 waiting = {"capture_output": True, "text": True, "timeout": TIME, "check": True}
                 samples = subprocess.run([python, SCRIPTS / script, address], **waiting).stdout

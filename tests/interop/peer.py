@@ -2,6 +2,9 @@
 
 import contextlib
 import dataclasses
+import fcntl
+import hashlib
+import os
 import random
 import socket
 import subprocess
@@ -10,6 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+# Each program with everything that it needs:
+#   echo name==version | uv pip compile --universal --no-header --no-annotate --python-version 3.11 - -o name-version.txt
+PINS = Path(__file__).resolve().parent / "peers"
 
 
 @dataclasses.dataclass
@@ -25,17 +31,25 @@ class Result:
     excuse: str = ""
 
 
-def environment(build: Path, requirements: list[str]) -> Path:
-    """The Python of a virtual environment, made when it is not there yet: the program, name==version, comes first."""
-    folder = build / "interop" / requirements[0].replace("==", "-")
-    stamp = folder / ".installed"
-    wanted = "\n".join(requirements)
-    if not stamp.exists() or stamp.read_text() != wanted:
-        print(f"installing {' '.join(requirements)} in {folder}", flush=True)
-        subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
-        install = [folder / "bin" / "python", "-m", "pip", "install", "--no-compile"]
-        subprocess.run([*install, "--quiet", "--disable-pip-version-check", *requirements], check=True)
-        stamp.write_text(wanted)
+def environment(name: str, version: str) -> Path:
+    """The Python of a virtual environment with a program, as pinned in peers/; made when it is not there yet.
+
+    Outside the build directory and named after what is in it, so that every checkout of a user has the same one.
+    """
+    wanted = (PINS / f"{name}-{version}.txt").read_text()
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    key = hashlib.sha256((wanted + sys.version).encode()).hexdigest()[:12]
+    folder = cache / "franka-interface" / "peers" / f"{name}-{version}-{key}"
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with (folder.parent / f"{folder.name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        stamp = folder / ".installed"
+        if not stamp.exists():
+            print(f"installing {name} {version} in {folder}", flush=True)
+            subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
+            install = [folder / "bin" / "python", "-m", "pip", "install", "--no-compile", "--no-deps", "--quiet"]
+            subprocess.run([*install, "--disable-pip-version-check", "-r", PINS / f"{name}-{version}.txt"], check=True)
+            stamp.touch()
     return folder / "bin" / "python"
 
 

@@ -19,32 +19,35 @@ START_TIME, TIME = 120, 240  # s
 class Server:
     """A program that is an arm to others."""
 
-    requirements: list[str]
+    name: str
+    version: str  # on PyPI
     arguments: list[str]  # after its Python; ADDRESS stands for the address
     excuses: dict[str, str] = dataclasses.field(default_factory=dict)  # capability: why the peer cannot
 
     @property
     def peer(self) -> str:
         """Name and version, for people."""
-        return " ".join(self.requirements[0].split("=="))
+        return f"{self.name} {self.version}"
 
 
 FRANKY_SIM = Server(
-    ["franky-sim==1.0.4"],
+    "franky-sim",
+    "1.0.4",
     ["-c", "from franky_sim.run_server import main; main()", "--simulator", "mujoco", "--hostname", "ADDRESS"],
 )
 FRANKA_SIM = Server(
-    ["franka-sim==1.1.7"],
+    "franka-sim",
+    "1.1.7",
     [str(REPOSITORY / "tests" / "interop" / "franka_sim_server.py"), "ADDRESS"],
 )
 
 
 def fr3_model(build: Path) -> Path:
     """The model that franka-sim would download: franky-sim brings the same one."""
-    python = environment(build, FRANKY_SIM.requirements)
+    python = environment(FRANKY_SIM.name, FRANKY_SIM.version)
     (assets,) = (python.parents[1] / "lib").glob("python3*/site-packages/franky_sim/assets")
     folder = build / "interop" / "fr3_model"
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / "fr3.xml").write_bytes((assets / "fr3.xml").read_bytes())
     with contextlib.suppress(FileExistsError):
         (folder / "assets").symlink_to((assets / "meshes").resolve())
@@ -105,4 +108,4 @@ def try_server(server: Server, python: Path, build: Path) -> Iterator[Result]:
 def run(build: Path) -> Iterator[Result]:
     """Every peer."""
     for server in (FRANKY_SIM, FRANKA_SIM):
-        yield from try_server(server, environment(build, server.requirements), build)
+        yield from try_server(server, environment(server.name, server.version), build)

@@ -1,14 +1,12 @@
 """Simulated arms with servers for the tests: in lockstep."""
 
-import contextlib
-import functools
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from frankapy import FrankaArm, FrankaArmException, FrankaConstants
+from frankapy import FrankaArm, FrankaConstants
 from frankapy.sim import SimulatedArm, Simulation, read_truth
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -40,19 +38,6 @@ class Arm:
             now = reader.get_arm_state().robot.message_id
         rows = read_truth(self._truth, until=now)
         return rows[rows["cycle"] >= since]
-
-
-def despite_stalls(test):
-    """Let a test try again, twice, which a computer that stands still at the wrong moment spoils."""
-
-    @functools.wraps(test)
-    def again(*arguments, **keywords):
-        for _ in range(2):
-            with contextlib.suppress(AssertionError, FrankaArmException):
-                return test(*arguments, **keywords)
-        return test(*arguments, **keywords)
-
-    return again
 
 
 def server_processes(simulation: Simulation) -> list[int]:

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import HOME, despite_stalls
+from conftest import HOME
 
 import frankapy
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmStateClient, RigidTransform, SensorDataMessageType, proto
@@ -272,7 +272,7 @@ STREAM = """
 """
 
 
-@despite_stalls
+@pytest.mark.wall
 def test_a_script_that_streams_runs_as_it_is_and_may_end_right_after_its_last_message():
     with Simulation(SimulatedArm(robot="fer", ideal=True)) as simulation:
         with FrankaArm(server=simulation.server) as fa:
@@ -284,7 +284,7 @@ def test_a_script_that_streams_runs_as_it_is_and_may_end_right_after_its_last_me
         np.testing.assert_allclose(fa.get_pose().translation - before, [0, 0, -0.1], atol=0.01)
 
 
-@despite_stalls
+@pytest.mark.wall
 def test_sensor_values_go_into_the_skill_without_rospy_too():
     with Simulation(SimulatedArm(robot="fer", ideal=True)) as simulation, FrankaArm(server=simulation.server) as fa:
         fa.goto_joints(HOME, 1)

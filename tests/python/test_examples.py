@@ -8,7 +8,7 @@ import sys
 import threading
 
 import pytest
-from conftest import REPOSITORY, despite_stalls
+from conftest import REPOSITORY
 
 import frankapy.franka_arm
 from frankapy import FrankaArm
@@ -82,6 +82,6 @@ def test_an_example_runs(script, arms):
 
 
 @pytest.mark.parametrize("script", ["streaming.py", "policy.py"])
-@despite_stalls
+@pytest.mark.wall
 def test_an_example_in_real_time_runs(script):
     test_an_example_runs(script, [SimulatedArm()])

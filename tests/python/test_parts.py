@@ -1,5 +1,6 @@
 """Skills of any parts: combinations that fit move the arm as the truth says; each other is refused with what fits."""
 
+import contextlib
 import itertools
 import random
 import subprocess
@@ -334,11 +335,18 @@ def test_thresholds_of_frankapy_end_motions_at_a_contact(start):
 
 
 def test_an_arm_that_is_led_by_hand_stays_where_it_is_left(ideal_arm):
-    with ideal_arm.client() as fa:
+    def push() -> None:
+        """Begin with the next motion: until then the world stands still."""
+        fa.wait_for(lambda state: state.phase == proto.IDLE)
+        ideal_arm.simulation.pause(between_motions=True)
+        ideal_arm.simulation.push([0, 6, 0, 0, 0, 0], duration=0.7)
+
+    with ideal_arm.client() as fa, contextlib.ExitStack() as finally_:
+        finally_.callback(ideal_arm.simulation.resume)
         for controller in (InternalImpedance(), JointImpedance()):
             fa.run(MinJerkJoint(HOME, 1))
             began = fa.get_pose().translation
-            ideal_arm.simulation.push([0, 6, 0, 0, 0, 0], duration=0.7)
+            push()
             fa.run_guide_mode(3)
             assert fa.last_skill_result.ending == proto.TERMINATED
             assert fa.last_skill_result.time == pytest.approx(3, abs=0.01)
@@ -348,7 +356,7 @@ def test_an_arm_that_is_led_by_hand_stays_where_it_is_left(ideal_arm):
             np.testing.assert_allclose(fa.get_joints(), left, atol=0.15)
         # A motion that takes over in the middle goes on from where the arm is.
         fa.run(MinJerkJoint(HOME, 1))
-        ideal_arm.simulation.push([0, 6, 0, 0, 0, 0], duration=0.7)
+        push()
         fa.run_guide_mode(60, block=False)
         result = fa.run(MinJerkJoint(HOME, 2), JointImpedance(), preempt=True)
         assert result.ending == proto.TERMINATED

@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from conftest import despite_stalls
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, proto
 from frankapy.parts import (
@@ -28,7 +27,7 @@ def speeds(arm, first, last):
     return np.abs(rows[rows["cycle"] <= last]["dq"]).max(axis=1)
 
 
-@despite_stalls  # a client that stands still sends the next motion late
+@pytest.mark.wall  # a client that stands still sends the next motion late
 def test_a_sequence_goes_on_without_a_gap(ideal_arm):
     with ideal_arm.client() as fa:
         fa.run(MinJerkJoint(HOME, 0.7))

@@ -113,7 +113,10 @@ def test_what_is_streamed_through_a_wall_ends_before_it(controller, walled, idea
     assert 0.009 < gap(ideal_arm.truth(first)) < 0.012
 
 
-@pytest.mark.parametrize("controller", [proto.InternalImpedance(), CartesianImpedance()], ids=["robot", "torque"])
+@pytest.mark.parametrize(
+    "controller",
+    [pytest.param(proto.InternalImpedance(), id="robot", marks=pytest.mark.nightly), pytest.param(CartesianImpedance(), id="torque")],
+)
 def test_a_pose_slides_along_a_wall_to_beside_its_goal(controller, walled, ideal_arm):
     walled.walls.add("glass", WALL)
     first = walled.get_arm_state().robot.message_id
