@@ -126,7 +126,7 @@ FIXED_ADDRESSES = $(shell setarch -R true 2> /dev/null && echo setarch -R)
 # The gate has the first what reads bytes from outside and the loop, and the second what several threads share.
 ROOMS_asan := wire realtime robot
 ROOMS_tsan := robot server
-ROOMS_asan-all := wire models realtime robot server sim
+ROOMS_asan-all := wire realtime robot server sim
 ROOMS_tsan-all := robot server sim
 
 asan asan-all tsan tsan-all: FOLDER = $(BUILD)/$(@:-all=)
