@@ -65,7 +65,7 @@ SCENE = REPOSITORY / "sim" / "scenes" / "table_with_block.xml"
         ("contact.py", [SimulatedArm(lockstep=True, scene=PLATE)]),
         ("force_control.py", [SimulatedArm(lockstep=True, scene=PLATE)]),
         ("recording.py", [SimulatedArm(lockstep=True)]),
-        ("imitation.py", [SimulatedArm(lockstep=True)]),
+        pytest.param("imitation.py", [SimulatedArm(lockstep=True)], marks=pytest.mark.wall),
     ],
 )
 def test_an_example_runs(script, arms):

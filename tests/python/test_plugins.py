@@ -21,6 +21,8 @@ from frankapy.sim import SimulatedArm, Simulation, program, read_truth
 TUTORIAL = REPOSITORY / "docs" / "your-own-part.md"
 TO_BUILD = 600  # s, on a busy computer
 
+pytestmark = pytest.mark.timeout(TO_BUILD)
+
 
 def blocks() -> dict[str, str]:
     """Return the tutorial's files."""

@@ -175,13 +175,13 @@ def gripper_stop():
     """A slow move, stopped from another thread."""
     hand = franka.Gripper(ADDRESS)
     hand.move(0.0, 0.1)
-    errors = []
+    ends = []
 
     def move():
         try:
-            hand.move(0.08, 0.01)
+            ends.append("arrived" if hand.move(0.08, 0.01) else "unsuccessful")
         except RuntimeError as error:
-            errors.append(str(error))
+            ends.append(str(error))
 
     mover = threading.Thread(target=move)
     mover.start()
@@ -189,8 +189,8 @@ def gripper_stop():
         time.sleep(0.01)
     hand.stop()
     mover.join()
-    if not errors:
-        raise AssertionError("the move was not aborted")
+    if "abort" not in ends[0]:
+        raise AssertionError(f"the move ended with {ends[0]} at {hand.read_once().width} m")
 
 
 report.run(
