@@ -97,6 +97,15 @@ def descendants() -> list[int]:
     return list(found - {os.getpid()})
 
 
+def reap() -> tuple[int, int] | None:
+    """A process that has ended and how, or None while all others run."""
+    try:
+        process, status = os.waitpid(-1, os.WNOHANG)
+    except ChildProcessError:
+        return None
+    return (process, status) if process else None
+
+
 def end_descendants() -> None:
     """End them, first with a word."""
     for number, patience in ((signal.SIGTERM, 3), (signal.SIGKILL, 1)):
@@ -107,10 +116,7 @@ def end_descendants() -> None:
                 continue
         deadline = time.monotonic() + patience
         while descendants() and time.monotonic() < deadline:
-            try:
-                while os.waitpid(-1, os.WNOHANG)[0]:
-                    pass
-            except ChildProcessError:
+            while reap() is not None:
                 pass
             time.sleep(0.05)
 
@@ -151,9 +157,15 @@ def run_make(target: str, log: Path, junit: Path, again: bool, limit: float) -> 
         process = subprocess.Popen(
             command, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
         )
+        deadline = time.monotonic() + limit
         try:
-            return process.wait(limit)
-        except subprocess.TimeoutExpired:
+            while time.monotonic() < deadline:
+                # All that has ended: processes whose parents have gone come to this one.
+                while (ended := reap()) is not None:
+                    if ended[0] == process.pid:
+                        process.returncode = os.waitstatus_to_exitcode(ended[1])
+                        return process.returncode
+                time.sleep(0.05)
             return None
         finally:
             end_descendants()
