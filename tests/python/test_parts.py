@@ -414,10 +414,10 @@ def test_a_slow_motion_that_takes_over_does_not_run_away(fa):
 
 
 def test_fast_joints_do_not_move_the_tool_faster_than_the_robot_allows(start):
-    arm = start(robot="fer", ideal=True)
+    arm = start(robot="fer", ideal=True, truth=True)
     with arm.client() as fa:
         fa.goto_joints(STRETCHED * [-1, 1, 1, 1, 1, 1, 1], ignore_virtual_walls=True)
-        since = fa.get_arm_state().robot.message_id
+        since = arm.cycle()
         result = fa.run(TimeOptimalJoint(STRETCHED, 1))
         assert result.ending == proto.TERMINATED
         assert result.stretch > 1.01
