@@ -1,6 +1,7 @@
 """Simulated arms with servers for the tests: in lockstep."""
 
-from contextlib import ExitStack
+import time
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,23 @@ class Arm:
 
     def client(self, **arguments) -> FrankaArm:
         return FrankaArm(server=self.server, **arguments)
+
+    @contextmanager
+    def standing_still(self, **how):
+        """Let the world stand still meanwhile, as Simulation.pause() says; what moves waits for at most a second."""
+        self.simulation.pause(**how)
+        try:
+            yield
+        finally:
+            self.simulation.resume()
+
+    def end_motion(self, fa: FrankaArm) -> None:
+        """End what the server still holds the arm with."""
+        fa.stop_skill()
+        deadline = time.monotonic() + 60
+        while self.simulation.truth().moving:
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
 
     def cycle(self, message_id: int | None = None) -> int:
         """Return the world's cycle: now, or in the state with that message_id, since which it has not stood still."""

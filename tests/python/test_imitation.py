@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import HOME
 
-from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp
 from frankapy.demonstration import Demonstration
 from frankapy.parts import InternalImpedance
 
@@ -220,14 +220,11 @@ def lead(arm, fa, way, seconds):
 @contextlib.contextmanager
 def hand_with_the_motion(arm, fa, way, times):
     """Have the tool led along a way relative to where it is, from the begin of the next motion on."""
-    fa.wait_for(lambda state: state.phase == proto.IDLE)
-    arm.simulation.pause(between_motions=True)
-    try:
+    arm.end_motion(fa)
+    with arm.standing_still(between_motions=True):
         here = arm.simulation.truth().O_T_TCP[:3, 3]
         arm.simulation.hand(here + way, times, stiffness=2000, damping=80)
         yield
-    finally:
-        arm.simulation.resume()
 
 
 def test_what_a_hand_shows_the_arm_does(fa, ideal_arm, tmp_path):

@@ -337,7 +337,7 @@ def test_thresholds_of_frankapy_end_motions_at_a_contact(start):
 def test_an_arm_that_is_led_by_hand_stays_where_it_is_left(ideal_arm):
     def push() -> None:
         """Begin with the next motion: until then the world stands still."""
-        fa.wait_for(lambda state: state.phase == proto.IDLE)
+        ideal_arm.end_motion(fa)
         ideal_arm.simulation.pause(between_motions=True)
         ideal_arm.simulation.push([0, 6, 0, 0, 0, 0], duration=0.7)
 

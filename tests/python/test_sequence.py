@@ -1,7 +1,6 @@
 """Motions that wait for each other, blend into each other, or take over: without a gap, inside the limits."""
 
 import asyncio
-import contextlib
 import re
 
 import numpy as np
@@ -30,22 +29,12 @@ def speeds(arm, first, last):
     return np.abs(rows[rows["cycle"] <= last]["dq"]).max(axis=1)
 
 
-@contextlib.contextmanager
-def queued_at_once(arm):
-    """Let the world stand still until all that is sent inside is queued."""
-    arm.simulation.pause()
-    try:
-        yield
-    finally:
-        arm.simulation.resume()
-
-
 def test_a_sequence_goes_on_without_a_gap(ideal_arm):
     with ideal_arm.client() as fa:
         fa.run(MinJerkJoint(HOME, 0.7))
         fa.wait_for(lambda state: np.abs(state.robot.dq).max() < 5e-4, 30)
         began = ideal_arm.cycle()
-        with fa.sequence() as results, queued_at_once(ideal_arm):
+        with fa.sequence() as results, ideal_arm.standing_still():
             for delta in (STEP, STEP, -STEP):
                 fa.run(RelativeMinJerkJoint(delta, 0.5))
             fa.goto_joints(HOME, 0.5)
@@ -95,7 +84,7 @@ def test_blended_motions_do_not_stop(ideal_arm):
         slowest = {}
         for blend in (0, 0.3):
             fa.run(MinJerkJoint(HOME, 0.7))
-            with fa.sequence(blend=blend) as results, queued_at_once(ideal_arm):
+            with fa.sequence(blend=blend) as results, ideal_arm.standing_still():
                 for i in range(3):
                     fa.run(MinJerkJoint(HOME + (i + 1) * STEP, 0.8))
             first, _, last = (ideal_arm.cycle(result.last_state.robot.message_id) for result in results)

@@ -34,10 +34,9 @@ def wait_until(condition):
 
 
 def test_a_call_that_does_not_wait_returns_at_once_and_can_be_polled(fa, ideal_arm):
-    ideal_arm.simulation.pause()
-    fa.goto_joints(GOAL, 1, block=False)
-    assert not fa.is_skill_done()
-    ideal_arm.simulation.resume()
+    with ideal_arm.standing_still():
+        fa.goto_joints(GOAL, 1, block=False)
+        assert not fa.is_skill_done()
     wait_until(fa.is_skill_done)
     np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.001)
 

@@ -19,16 +19,6 @@ WALL = Box([1, 0.01, 1], [0.4, 0.25, 0.5])
 FACE = 0.25 - 0.005  # m, its y
 
 
-@contextlib.contextmanager
-def at_once(arm, **how):
-    """Let the world stand still meanwhile."""
-    arm.simulation.pause(**how)
-    try:
-        yield
-    finally:
-        arm.simulation.resume()
-
-
 @pytest.fixture
 def walled(fa):
     yield fa
@@ -142,8 +132,8 @@ def test_a_pose_slides_along_a_wall_to_beside_its_goal(controller, walled, ideal
 
 def test_an_arm_that_is_pushed_is_held_off(walled, ideal_arm):
     walled.walls.add("glass", WALL)
-    walled.wait_for(lambda state: state.phase == proto.IDLE)
-    with at_once(ideal_arm, between_motions=True):  # the push begins with the skill
+    ideal_arm.end_motion(walled)
+    with ideal_arm.standing_still(between_motions=True):  # the push begins with the skill
         first = ideal_arm.cycle()
         ideal_arm.simulation.push([0, 12, 0, 0, 0, 0], duration=4)
         walled.run(StayJoint(6), FreeDrive(), Time(5))
@@ -159,7 +149,7 @@ def test_a_wall_comes_while_a_skill_runs(walled, ideal_arm):
 
         def pause_on_the_way(state):
             if state.robot.q[0] > 0.02:
-                until_it_is_there.enter_context(at_once(ideal_arm))
+                until_it_is_there.enter_context(ideal_arm.standing_still())
             return state.robot.q[0] > 0.02
 
         walled.wait_for(pause_on_the_way)
