@@ -136,4 +136,4 @@ asan asan-all tsan tsan-all:
 	cmake --build $(FOLDER) -j $(JOBS) --target $(addsuffix _test,$(ROOMS_$@))
 	TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" $(FIXED_ADDRESSES) ctest --test-dir $(FOLDER) -j $(JOBS) \
 	  -L '^($(subst $() ,|,$(ROOMS_$@)))$$' -LE '$(if $(findstring all,$@),^$$,wall|nightly)' \
-	  --output-on-failure --output-junit $(JUNIT)/ctest.xml
+	  --output-on-failure --output-junit $(JUNIT)/ctest.xml $(if $(AGAIN),--rerun-failed)

@@ -56,7 +56,7 @@ LIMITS = {  # of the FER
     "max_acceleration": [15, 7.5, 10, 12.5, 15, 20, 20],
     "max_jerk": [7500, 3750, 5000, 6250, 7500, 10000, 10000],
 }
-PEER = "panda-python==1.1.1"
+PEER = ("panda-python", "1.1.1")
 PEER_SCRIPT = """
 import json, sys, time
 import numpy as np
@@ -217,10 +217,10 @@ def peer_does(python: Path, task: str, given: dict) -> tuple[dict, np.ndarray]:
 
 def peer() -> dict[str, float]:
     try:
-        python = environment(REPOSITORY / "build", [PEER])
+        python = environment(*PEER)
         return peer_entries(python)
     except (OSError, subprocess.SubprocessError) as error:
-        print(f"without {PEER}: {error} {getattr(error, 'stderr', '')}", file=sys.stderr)
+        print(f"without {' '.join(PEER)}: {error} {getattr(error, 'stderr', '')}", file=sys.stderr)
         return {}
 
 

@@ -118,7 +118,7 @@ def ours(lockstep: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def libfranka() -> np.ndarray:
-    python = environment(REPOSITORY / "build", ["pylibfranka==0.21.3"])
+    python = environment("pylibfranka", "0.21.3")
     with arm_and_tap(lockstep=True) as tap:
         subprocess.run([python, "-c", LIBFRANKA, tap.address], check=True)
         return tap.gaps()[1]

@@ -43,7 +43,7 @@ print(t / took)
 
 
 def main() -> None:
-    python = environment(REPOSITORY / "build", ["pylibfranka==0.21.3"])
+    python = environment("pylibfranka", "0.21.3")
     with simulated_arm(program("fci-sim"), "--lockstep") as address:
         done = subprocess.run([python, "-c", CLIENT, address], stdout=subprocess.PIPE, text=True, check=True)
     print(json.dumps({"lockstep_pylibfranka_factor": float(done.stdout.split()[-1])}))

@@ -2,6 +2,10 @@
 // Record::compute_ns of every cycle in which a skill runs, takeovers included, for each combination of trajectory,
 // controller and robot controller that the server takes. The arm is fci-sim, in a process of its own.
 //   loop_compute_us_p50, _p99   in lockstep (states as fast as both can); the worst combination of each
+//   loop_compute_us_max         of 100,000 cycles in lockstep, in every fiftieth of which a skill begins, takes over, is
+//                               stopped or gives way to another robot controller, one state in fifty being lost; the
+//                               combinations are the slowest for each robot controller. Time of the processor, since a
+//                               computer that stands still or does something else is none of the loop
 //   loop_compute_paced_us_p50   in real time, of the combination with the highest p50 in lockstep
 //   loop_compute_safe_us_p99    in lockstep with 20 boxes as walls about the arm (bench/boxes.hpp), of some of the combinations
 //   loop_allocations            of the loop's thread in all of this
@@ -9,20 +13,26 @@
 #include <google/protobuf/text_format.h>
 #include <signal.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <random>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
+#include <zmq.hpp>
 
 #include "bench/boxes.hpp"
 #include "frankapy/proto/controllers.pb.h"
+#include "frankapy/proto/simulation.pb.h"
 #include "frankapy/proto/trajectories.pb.h"
 #include "models/arm.hpp"
 #include "realtime/loop.hpp"
@@ -42,6 +52,9 @@ using namespace std::chrono_literals;
 constexpr std::size_t kCycles = 4'000;  // at least, of each combination
 constexpr int kSafeStep = 8;            // one combination in so many is measured among walls
 constexpr int kRobotStart = 20;         // s for fci-sim to answer
+constexpr std::uint64_t kEventCycles = 100'000, kEvery = 50;  // cycles among events, and from one to the next
+constexpr double kLoss = 1.0 / kEvery;
+constexpr int kControlPort = 1339;      // of fci-sim
 constexpr double kPreempt = 0.5;        // s after which every second motion is replaced by the next
 
 // A kind by its name, and its fields as text: there, and back.
@@ -214,6 +227,23 @@ class Simulator {
   }
   Simulator(const Simulator&) = delete;
 
+  // One state in so many is lost from now on; 0: none.
+  void lose(double share) const {
+    zmq::context_t context;
+    zmq::socket_t socket(context, zmq::socket_type::req);
+    socket.set(zmq::sockopt::linger, 0);
+    socket.set(zmq::sockopt::rcvtimeo, 1000 * kRobotStart);
+    socket.connect("tcp://" + address_ + ":" + std::to_string(kControlPort));
+    frankapy::proto::SimulationCall call;
+    call.mutable_set_network()->mutable_from_arm()->set_loss(share);
+    socket.send(zmq::buffer(call.SerializeAsString()), zmq::send_flags::none);
+    zmq::message_t answer;
+    frankapy::proto::SimulationReply reply;
+    if (!socket.recv(answer) || !reply.ParseFromArray(answer.data(), static_cast<int>(answer.size())) || reply.has_error()) {
+      throw std::runtime_error("fci-sim does not lose states: " + reply.error());
+    }
+  }
+
   std::unique_ptr<robot::FciDriver> connect() const {
     for (const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(kRobotStart);;) {
       try {
@@ -230,16 +260,77 @@ class Simulator {
   ::pid_t pid_ = -1;
 };
 
+// The driver, and what lies between a state and its command: processor time, and where it is asked for an event before
+// every kEvery-th state, for which the loop waits.
+class WatchedDriver : public robot::Driver {
+ public:
+  explicit WatchedDriver(std::unique_ptr<robot::Driver> driver) : driver_(std::move(driver)) {}
+
+  robot::Received receive(fci::RobotState& state) noexcept override {
+    if (left_ > 0 && left_-- % kEvery == 0) {
+      happens_ = true;
+      happens_.notify_one();
+      happens_.wait(true);
+    }
+    const robot::Received received = driver_->receive(state);
+    begin_ns_ = processor_ns();
+    return received;
+  }
+  void send(const fci::RobotCommand& command) noexcept override {
+    if (left_ > 0) worst_ns_ = std::max<std::int64_t>(worst_ns_, processor_ns() - begin_ns_);
+    driver_->send(command);
+  }
+  std::int64_t received_ns() const noexcept override { return driver_->received_ns(); }
+  std::optional<std::uint32_t> post(const robot::Request& request) noexcept override { return driver_->post(request); }
+  std::optional<robot::Answer> poll() noexcept override { return driver_->poll(); }
+  fci::Version version() const noexcept override { return driver_->version(); }
+
+  // For the server room: calls `event` in each kEvery-th of so many cycles, then returns the longest of these, ns.
+  template <class Event>
+  std::int64_t among(std::uint64_t cycles, Event event) {
+    left_ = cycles;
+    for (std::uint64_t events = cycles / kEvery; events > 0; --events) {
+      happens_.wait(false);
+      try {
+        event();
+      } catch (...) {
+        left_ = 0;
+        go_on();
+        throw;
+      }
+      go_on();
+    }
+    return worst_ns_;
+  }
+
+ private:
+  void go_on() {
+    happens_ = false;
+    happens_.notify_one();
+  }
+  static std::int64_t processor_ns() noexcept {
+    timespec now;
+    ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
+  }
+
+  std::unique_ptr<robot::Driver> driver_;
+  std::atomic<std::uint64_t> left_ = 0;
+  std::atomic<std::int64_t> worst_ns_ = 0;
+  std::int64_t begin_ns_ = 0;
+  std::atomic<bool> happens_ = false;  // and the loop waits until it has
+};
+
 // A loop in a thread of its own, with the server room's work for it.
 class Running {
  public:
   explicit Running(bool lockstep)
       : simulator_(lockstep),
         driver_(simulator_.connect()),
-        limits_(models::limits(models::arm("fr3"), driver_->version())),
-        model_(models::urdf(models::arm("fr3"), driver_->version())),
-        builder_(std::make_unique<Model>(models::urdf(models::arm("fr3"), driver_->version())), limits_),
-        loop_(*driver_, model_, limits_, Loop::Options{}, door_),
+        limits_(models::limits(models::arm("fr3"), driver_.version())),
+        model_(models::urdf(models::arm("fr3"), driver_.version())),
+        builder_(std::make_unique<Model>(models::urdf(models::arm("fr3"), driver_.version())), limits_),
+        loop_(driver_, model_, limits_, Loop::Options{}, door_),
         thread_([this] {
           server::RealtimeReport report;
           server::prepare_thread(0, {}, true, report);
@@ -279,16 +370,7 @@ class Running {
           if (newest_.skill_id == current) time = newest_.skill_time;
         }
       }
-      while (const SkillResult* result = door_.results.front()) {
-        if (result->ending != Ending::kTerminated && result->ending != Ending::kPreempted) {
-          throw std::runtime_error(combination.name() + " ended with " +
-                                   std::to_string(static_cast<int>(result->ending)) + ": " +
-                                   fci::names(result->errors));
-        }
-        ended |= result->skill_id == current;
-        door_.results.pop();
-      }
-      destroy_retired();
+      ended |= take_results(combination.name(), current);
       if (samples.size() < cycles && (ended || (turn % 2 == 0 && time > kPreempt))) {
         auto skill = builder_.build(combination.message(turn++), newest(), nullptr);
         skill->id = current = next_id_++;
@@ -298,6 +380,39 @@ class Running {
       std::this_thread::sleep_for(200us);
     }
     return samples;
+  }
+
+  // The longest cycle, ns, of kEventCycles, in every kEvery-th of which a skill of one of these takes over, or is stopped.
+  std::int64_t longest_among_events(const std::vector<const Combination*>& combinations) {
+    std::mt19937 random(1);
+    std::uint64_t current = 0;
+    std::size_t refused = 0;
+    int turn = 0;
+    simulator_.lose(kLoss);
+    const std::int64_t longest = driver_.among(kEventCycles, [&] {
+      while (records_.next(newest_)) {}
+      take_results("among events", current);
+      if (++turn % 4 == 0) {
+        door_.stop_up_to = current;
+        return;
+      }
+      const Combination& each = *combinations[random() % combinations.size()];
+      try {
+        auto skill = builder_.build(each.message(turn), newest_, nullptr);
+        skill->id = current = next_id_++;
+        door_.next.put(std::move(skill));
+      } catch (const server::Refused&) {  // it does not lead on from here
+        ++refused;
+      }
+    });
+    simulator_.lose(0);
+    std::fprintf(stderr, "%llu cycles, %d events, of which %zu were refused; %llu states lost\n",
+                 static_cast<unsigned long long>(kEventCycles), turn, refused,
+                 static_cast<unsigned long long>(newest_.lost_states));
+    if (refused > static_cast<std::size_t>(turn) / 4 || newest_.lost_states < kEventCycles * kLoss / 2) {
+      throw std::runtime_error("fewer events than there should be");
+    }
+    return longest;
   }
 
   // Ends the loop; what its thread has taken from the heap.
@@ -318,6 +433,20 @@ class Running {
     while (!records_.next(newest_) && newest_.cycles == 0) std::this_thread::sleep_for(1ms);
     return newest_;
   }
+  // Whether the skill with that id has ended. Throws when one has not ended well.
+  bool take_results(const std::string& what, std::uint64_t id) {
+    bool ended = false;
+    while (const SkillResult* result = door_.results.front()) {
+      if (result->ending != Ending::kTerminated && result->ending != Ending::kPreempted && result->ending != Ending::kStopped) {
+        throw std::runtime_error(what + " ended with " + std::to_string(static_cast<int>(result->ending)) + ": " +
+                                 fci::names(result->errors));
+      }
+      ended |= result->skill_id == id;
+      door_.results.pop();
+    }
+    destroy_retired();
+    return ended;
+  }
   void destroy_retired() {
     while (Skill* const* skill = door_.retired.front()) {
       delete *skill;
@@ -326,7 +455,7 @@ class Running {
   }
 
   Simulator simulator_;
-  std::unique_ptr<robot::FciDriver> driver_;
+  WatchedDriver driver_;
   const models::Limits& limits_;
   Model model_;
   server::SkillBuilder builder_;
@@ -352,6 +481,7 @@ int main() try {
   std::uint64_t allocations = 0;
   const std::vector<Combination> all = combinations();
   const Combination* slowest = &all[0];
+  std::map<server::proto::RobotController, std::pair<double, const Combination*>> slowest_of;
   std::size_t fitting = 0;
   {
     Running running(true);
@@ -364,6 +494,8 @@ int main() try {
       std::fprintf(stderr, "%-80s p50 %6.2f us  p99 %6.2f us  of %zu cycles\n", each.name().c_str(), half, most,
                    ns.size());
       if (half > p50) slowest = &each;
+      auto& of = slowest_of[each.robot_controller];
+      of = std::max(of, {half, &each});
       p50 = std::max(p50, half);
       p99 = std::max(p99, most);
     }
@@ -376,6 +508,15 @@ int main() try {
   std::fprintf(stderr, "%-46s p50 %6.2f us  p99 %6.2f us  at 1 kHz\n", slowest->name().c_str(), paced_p50,
                percentile(ns, 0.99));
   allocations += paced.finish();
+  double longest = 0;
+  {
+    std::vector<const Combination*> heavy{&all[0]};
+    for (const auto& [controller, of] : slowest_of) heavy.push_back(of.second);
+    Running eventful(true);
+    eventful.measure(all[0], 1);
+    longest = 1e-3 * static_cast<double>(eventful.longest_among_events(heavy));
+    allocations += eventful.finish();
+  }
   double safe_p99 = 0;
   {
     Running among(true);
@@ -391,9 +532,10 @@ int main() try {
     allocations += among.finish();
   }
   std::printf(
-      "{\"loop_compute_us_p50\": %.3f, \"loop_compute_us_p99\": %.3f, \"loop_compute_paced_us_p50\": %.3f, "
+      "{\"loop_compute_us_p50\": %.3f, \"loop_compute_us_p99\": %.3f, \"loop_compute_us_max\": %.3f, "
+      "\"loop_compute_paced_us_p50\": %.3f, "
       "\"loop_compute_safe_us_p99\": %.3f, \"loop_allocations\": %llu}\n",
-      p50, p99, paced_p50, safe_p99, static_cast<unsigned long long>(allocations));
+      p50, p99, longest, paced_p50, safe_p99, static_cast<unsigned long long>(allocations));
   return 0;
 } catch (const std::exception& error) {
   std::fprintf(stderr, "loop_compute: %s\n", error.what());

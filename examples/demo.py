@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from frankapy import FrankaArm, FrankaConstants, RigidTransform, proto
+from frankapy import FrankaArm, FrankaArmException, FrankaConstants, RigidTransform, proto
 from frankapy.sim import SimulatedArm, Simulation, program, read_truth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -92,14 +92,40 @@ def run(simulation: Simulation) -> tuple[list[tuple[str, float]], list[proto.Arm
     with FrankaArm(server=simulation.server) as fa:
         block = block_positions(read_truth(TRUTH, until=1))[0]
         recorder = Recorder(fa)
-        for i, (name, do) in enumerate(todo := tasks(fa, block), 1):
-            print(f"  {i:2} of {len(todo)}  {name:32}", end="", flush=True)
-            begun = time.monotonic()
-            begins.append((name, fa.get_arm_state().robot.message_id / 1000))
-            do()
-            print(f"{time.monotonic() - begun:5.2f} s", flush=True)
-        begins.append(("", fa.get_arm_state().robot.message_id / 1000))
+        try:
+            for i, (name, do) in enumerate(todo := tasks(fa, block), 1):
+                print(f"  {i:2} of {len(todo)}  {name:32}", end="", flush=True)
+                begun = time.monotonic()
+                begins.append((name, fa.get_arm_state().robot.message_id / 1000))
+                do()
+                print(f"{time.monotonic() - begun:5.2f} s", flush=True)
+            begins.append(("", fa.get_arm_state().robot.message_id / 1000))
+        except FrankaArmException:
+            print()
+            tell_late(simulation, recorder.stop())
+            raise
         return begins, recorder.stop()
+
+
+def tell_late(simulation: Simulation, states: list[proto.ArmState]) -> None:
+    """Say whether this computer was too busy for an arm in real time, and when; nothing where it was not."""
+    truth = simulation.truth()
+    lost = [  # robot's time of the states in which commands of the last 100 cycles are missing
+        state.robot.message_id / 1000
+        for state in states
+        if state.phase == proto.RUNNING and state.skill_time > 0.1 and state.robot.control_command_success_rate < 1
+    ]
+    if not lost and not truth.late_cycles:
+        return
+    print(
+        f"This computer was too busy for an arm in real time: {truth.late_cycles} cycles of the arm came late, by "
+        f"{1000 * truth.worst_delay:.1f} ms at the most.",
+        file=sys.stderr,
+    )
+    if lost:
+        starts = [t for before, t in zip([-1.0, *lost], lost, strict=False) if t > before + 0.1]
+        print(f"Commands were missing at {', '.join(f'{t:.1f}' for t in starts)} s of the robot's clock.", file=sys.stderr)
+    print("Try again when nothing else runs, or do without real time: `make demo-lockstep`.", file=sys.stderr)
 
 
 def block_positions(truth: np.ndarray) -> np.ndarray:
@@ -201,9 +227,14 @@ def main() -> int:
     arm = SimulatedArm(scene=SCENE, truth=TRUTH, lockstep="--lockstep" in sys.argv[1:])
     with Simulation(arm) as simulation:
         print(f"arm at {simulation.addresses[0]}, server at {simulation.server}", flush=True)
-        begins, states = run(simulation)
-    truth = read_truth(TRUTH)
-    is_there = judge(truth)
+        try:
+            begins, states = run(simulation)
+        except FrankaArmException as error:
+            print(f"The arm did not get through: {error}", file=sys.stderr)
+            return 1
+        truth = read_truth(TRUTH)
+        if not (is_there := judge(truth)):
+            tell_late(simulation, states)
 
     ends = {name: end for (name, _), (_, end) in zip(begins, begins[1:], strict=False)}
     times = ",".join(f"{ends[name]:.3f}" for name in SHOWN)

@@ -355,20 +355,30 @@ class ControlChannel:
             patience += _DRAWING
         with self._lock:
             if self._socket is None:
+                self._require_somebody()
                 self._socket = zmq.Context.instance().socket(zmq.REQ)
                 self._socket.linger = 0
                 self._socket.connect(f"tcp://{self._address}:{CONTROL_PORT}")
             self._socket.send(request.SerializeToString())
             if not self._socket.poll(patience * 1000):
                 self._drop()
-                raise FrankaArmCommException(
-                    f"No simulated arm answers on {self._address}:{CONTROL_PORT} within {patience:g} s: does fci-sim run "
-                    "there?"
-                )
+                raise self._nobody(f"within {patience:g} s")
             reply = proto.SimulationReply.FromString(self._socket.recv())
         if reply.HasField("error"):
             raise FrankaArmArgumentError(reply.error)
         return reply
+
+    def _require_somebody(self) -> None:
+        # ZeroMQ would try for as long as anyone waits; a refusal is known at once.
+        try:
+            socket.create_connection((self._address, CONTROL_PORT), timeout=_PATIENCE).close()
+        except OSError as error:
+            raise self._nobody(f"({error.strerror or 'timed out'})") from error
+
+    def _nobody(self, why: str) -> FrankaArmCommException:
+        return FrankaArmCommException(
+            f"No simulated arm answers on {self._address}:{CONTROL_PORT} {why}: does fci-sim run there?"
+        )
 
     def _drop(self) -> None:
         if self._socket is not None:

@@ -84,3 +84,7 @@ def free_address() -> str:
         address = ".".join(["127", *(str(random.randint(1, 254)) for _ in range(3))])
         if not (is_taken(address, 1337) or is_taken(address, 1338)):
             return address
+
+
+if __name__ == "__main__":  # the Python of `peer.py NAME VERSION`, for those that are no Python
+    print(environment(*sys.argv[1:]))

@@ -1,11 +1,13 @@
 """Run independent programs against ours, and show what came of it."""
 
 import argparse
+import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import clients
 import errors
@@ -34,21 +36,39 @@ def write_junit(file: Path, results: list[tuple[Result, float]]) -> None:
     ElementTree.ElementTree(suite).write(file, encoding="unicode")
 
 
+MODULES = {"clients": clients, "models": models, "errors": errors, "servers": servers}
+
+
+def run_module(module: ModuleType, arguments: argparse.Namespace) -> Iterator[Result]:
+    """Run one of them."""
+    if module is clients:
+        return clients.run(arguments.build, ["lockstep"] if arguments.lockstep else clients.MODES)
+    return module.run(arguments.build)
+
+
 def main() -> int:
     """Print a table; 1 when something failed that the peer itself can do."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--build", type=Path, default=REPOSITORY / "build", help="where the programs are")
     parser.add_argument("--junit", type=Path, help="a file for what came of it")
     parser.add_argument("--lockstep", action="store_true", help="only what does not depend on this computer's speed")
+    parser.add_argument("module", nargs="*", help=f"of {', '.join(MODULES)}; without any, all")
     arguments = parser.parse_args()
+    if unknown := set(arguments.module) - set(MODULES):
+        parser.error(f"no such module: {', '.join(sorted(unknown))}")
 
     def everything() -> Iterator[Result]:
-        modes = ["lockstep"] if arguments.lockstep else list(clients.MODES)
-        print(f"\n{clients.__doc__}")
-        yield from clients.run(arguments.build, modes)
-        for module in (models, errors) if arguments.lockstep else (models, errors, servers):
+        for name, module in MODULES.items():
+            if arguments.module and name not in arguments.module:
+                continue
             print(f"\n{module.__doc__}")
-            yield from module.run(arguments.build)
+            if arguments.lockstep and module is servers:
+                print("not run here: these arms keep real time")
+                continue
+            try:
+                yield from run_module(module, arguments)
+            except (OSError, subprocess.SubprocessError) as error:  # a peer that cannot be installed, for one
+                yield Result(name, "", "run to the end", False, f"{type(error).__name__}: {error}")
 
     results: list[tuple[Result, float]] = []
     last = time.monotonic()

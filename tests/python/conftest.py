@@ -1,6 +1,7 @@
 """Simulated arms with servers for the tests: in lockstep."""
 
-from contextlib import ExitStack
+import time
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ def recordings_folder(tmp_path_factory):
 class Arm:
     """A simulated arm, its server, and what really happened to it."""
 
-    def __init__(self, simulation: Simulation, truth: Path):
+    def __init__(self, simulation: Simulation, truth: Path | None):
         self.simulation = simulation
         self.server = simulation.server
         self._truth = truth
@@ -32,11 +33,32 @@ class Arm:
     def client(self, **arguments) -> FrankaArm:
         return FrankaArm(server=self.server, **arguments)
 
+    @contextmanager
+    def standing_still(self, **how):
+        """Let the world stand still meanwhile, as Simulation.pause() says; what moves waits for at most a second."""
+        self.simulation.pause(**how)
+        try:
+            yield
+        finally:
+            self.simulation.resume()
+
+    def end_motion(self, fa: FrankaArm) -> None:
+        """End what the server still holds the arm with."""
+        fa.stop_skill()
+        deadline = time.monotonic() + 60
+        while self.simulation.truth().moving:
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+
+    def cycle(self, message_id: int | None = None) -> int:
+        """Return the world's cycle: now, or in the state with that message_id, since which it has not stood still."""
+        now = self.simulation.truth()
+        return now.cycle if message_id is None else now.cycle - (now.message_id - message_id)
+
     def truth(self, since: int = 0) -> np.ndarray:
-        """Return the rows since message_id `since`; waits until those up to now are in the file."""
-        with self.client() as reader:
-            now = reader.get_arm_state().robot.message_id
-        rows = read_truth(self._truth, until=now)
+        """Return the rows of the truth since that cycle; waits until those up to now are in the file, see `starting`."""
+        assert self._truth, "this arm writes no truth: say TRUTH_FILE = True in the module, or start(truth=True)"
+        rows = read_truth(self._truth, until=self.cycle())
         return rows[rows["cycle"] >= since]
 
 
@@ -47,12 +69,15 @@ def server_processes(simulation: Simulation) -> list[int]:
     return [supervisor, *map(int, children)]
 
 
-def starting(tmp_path_factory):
-    """Give a function which starts simulated arms with a server; they run until the generator is closed."""
+def starting(request, tmp_path_factory):
+    """Give a function which starts simulated arms with a server; they run until the generator is closed.
+
+    An arm writes a truth file, 15 MB in a second of lockstep, where its module says TRUTH_FILE = True or start() is told to.
+    """
     with ExitStack() as running:
 
-        def start(**options) -> Arm:
-            truth = tmp_path_factory.mktemp("truth") / "truth.npy"
+        def start(truth: bool = getattr(request.module, "TRUTH_FILE", False), **options) -> Arm:
+            truth = tmp_path_factory.mktemp("truth") / "truth.npy" if truth else None
             simulation = running.enter_context(Simulation(SimulatedArm(lockstep=True, truth=truth, **options)))
             return Arm(simulation, truth)
 

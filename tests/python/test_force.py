@@ -21,6 +21,7 @@ from frankapy.parts import (
     Time,
 )
 
+TRUTH_FILE = True
 DOWN = [0, 0, 1, 0, 0, 0]
 
 
@@ -53,7 +54,7 @@ def test_hybrid_control_comes_to_a_plate_gently_and_presses_while_it_wipes(at_pl
     with at_plate.client() as fa:
         above_plate(fa)
         press = HybridForcePosition(DOWN, [0, 0, -10, 0, 0, 0])
-        began = fa.get_arm_state().robot.message_id
+        began = at_plate.cycle()
         with fa.states() as states:
             result = fa.run(StayPose(3.5), press)
             estimate = []

@@ -1,5 +1,6 @@
 """From a hand that leads the arm to a motion that the arm makes: recording, smoothing, learning, execution."""
 
+import contextlib
 import pickle
 
 import numpy as np
@@ -9,6 +10,8 @@ from conftest import HOME
 from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp
 from frankapy.demonstration import Demonstration
 from frankapy.parts import InternalImpedance
+
+TRUTH_FILE = True
 
 
 def bow(n=600, duration=3.0):
@@ -209,10 +212,19 @@ def test_what_it_generates_is_drawn_over_what_was_shown():
 
 def lead(arm, fa, way, seconds):
     """Have the tool led along a way (n, 3) relative to where it is, and return the demonstration."""
-    here = arm.simulation.truth().O_T_TCP[:3, 3]
     times = 1.5 + np.linspace(0, seconds, len(way))
-    arm.simulation.hand(np.vstack([here, here + way]), np.r_[1.4, times], stiffness=2000, damping=80)
-    return fa.demonstrate(seconds + 3)
+    with hand_with_the_motion(arm, fa, np.vstack([np.zeros(3), way]), np.r_[1.4, times]):
+        return fa.demonstrate(seconds + 3)
+
+
+@contextlib.contextmanager
+def hand_with_the_motion(arm, fa, way, times):
+    """Have the tool led along a way relative to where it is, from the begin of the next motion on."""
+    arm.end_motion(fa)
+    with arm.standing_still(between_motions=True):
+        here = arm.simulation.truth().O_T_TCP[:3, 3]
+        arm.simulation.hand(here + way, times, stiffness=2000, damping=80)
+        yield
 
 
 def test_what_a_hand_shows_the_arm_does(fa, ideal_arm, tmp_path):
@@ -280,11 +292,10 @@ def test_what_the_arm_cannot_do_is_said_before(fa):
 
 
 def test_from_the_command_line(ideal_arm, fa, tmp_path, capsys):
-    fa.close()
     shown, learned, picture = tmp_path / "shown.npz", tmp_path / "learned.npz", tmp_path / "learned.png"
-    here = ideal_arm.simulation.truth().O_T_TCP[:3, 3]
-    ideal_arm.simulation.hand(here + [[0, 0, 0], [0, 0.1, 0], [0, 0.1, 0.05]], [1.5, 3, 4.5], stiffness=2000, damping=80)
-    assert cli.main(["demonstrate", str(shown), "--seconds", "6", "--server", ideal_arm.server]) == 0
+    with hand_with_the_motion(ideal_arm, fa, [[0, 0, 0], [0, 0.1, 0], [0, 0.1, 0.05]], [1.5, 3, 4.5]):
+        fa.close()
+        assert cli.main(["demonstrate", str(shown), "--seconds", "6", "--server", ideal_arm.server]) == 0
     assert cli.main(["learn", str(shown), "--kind", "joint", "--output", str(learned), "--plot", str(picture)]) == 0
     assert picture.stat().st_size > 10_000
     with FrankaArm(server=ideal_arm.server) as again:

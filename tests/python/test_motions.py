@@ -6,11 +6,13 @@ from conftest import HOME
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, RigidTransform, proto
 
-# Pose in the truth file: of the tool centre of the hand, which is the robot's end effector by default.
+TRUTH_FILE = True
+
+# Pose in the truth: of the tool centre of the hand, which is the robot's end effector by default.
 
 
-def pose_of(row) -> RigidTransform:
-    matrix = row["O_T_TCP"].reshape(4, 4).T
+def tool_of(arm) -> RigidTransform:
+    matrix = arm.simulation.truth().O_T_TCP
     return RigidTransform(matrix[:3, :3], matrix[:3, 3], "franka_tool", "world")
 
 
@@ -44,12 +46,11 @@ def test_goto_joints_by_the_robots_control_ends_within_a_milliradian(request, ar
         fa.goto_joints(HOME, 1)
         fa.goto_joints(GOAL, 1.5)
         assert fa.last_skill_result.termination == "FinalJoint"
-        row = arm.truth()[-1]
-    np.testing.assert_allclose(row["q"], GOAL, atol=0.001)
+        np.testing.assert_allclose(arm.simulation.truth().q, GOAL, atol=0.001)
 
 
 def test_goto_joints_is_a_minimum_jerk_curve(fa, ideal_arm):
-    start = fa.get_arm_state().robot.message_id
+    start = ideal_arm.cycle()
     fa.goto_joints(GOAL, 1.5)
     rows = ideal_arm.truth(since=start)
     share = (rows["q"] - HOME) @ (GOAL - HOME) / np.sum((GOAL - HOME) ** 2)
@@ -61,7 +62,7 @@ def test_goto_joints_is_a_minimum_jerk_curve(fa, ideal_arm):
 
 def test_goto_joints_by_the_servers_impedance(fa, ideal_arm):
     fa.goto_joints(GOAL, 1.5, use_impedance=True, buffer_time=0.5)
-    np.testing.assert_allclose(ideal_arm.truth()[-1]["q"], GOAL, atol=0.005)
+    np.testing.assert_allclose(ideal_arm.simulation.truth().q, GOAL, atol=0.005)
 
 
 @pytest.mark.parametrize(("arm_fixture", "mm", "degrees"), [("ideal_arm", 2, 0.5), ("default_arm", 5, 1)])
@@ -72,7 +73,7 @@ def test_cartesian_impedance_ends_near_its_goal(request, arm_fixture, mm, degree
         for translation, axis in [([0.1, 0.15, -0.15], [0.3, 0.2, 0.4]), ([-0.05, -0.2, 0.05], [0, -0.3, 0])]:
             goal = moved(fa.get_pose(), translation, axis)
             fa.goto_pose(goal, 2)
-            distance, angle = errors(pose_of(arm.truth()[-1]), goal)
+            distance, angle = errors(tool_of(arm), goal)
             assert distance < mm / 1000
             assert angle < degrees
 
@@ -80,7 +81,7 @@ def test_cartesian_impedance_ends_near_its_goal(request, arm_fixture, mm, degree
 def test_goto_pose_by_the_robots_control_ends_at_its_goal(fa, ideal_arm):
     goal = moved(fa.get_pose(), [0.1, 0.1, -0.1], [0.2, 0, 0.3])
     fa.goto_pose(goal, 2, use_impedance=False)
-    distance, angle = errors(pose_of(ideal_arm.truth()[-1]), goal)
+    distance, angle = errors(tool_of(ideal_arm), goal)
     assert distance < 0.001
     assert angle < 0.1
 
@@ -88,17 +89,17 @@ def test_goto_pose_by_the_robots_control_ends_at_its_goal(fa, ideal_arm):
 @pytest.mark.parametrize("use_impedance", [True, False])
 def test_a_difference_in_the_tools_frame_is_along_and_about_its_axes(fa, ideal_arm, use_impedance):
     delta = in_tool([0.02, 0.05, 0.08], [0, 0, 0.4])
-    goal = pose_of(ideal_arm.truth()[-1]) * delta
+    goal = tool_of(ideal_arm) * delta
     fa.goto_pose_delta(delta, 1.5, use_impedance=use_impedance)
-    distance, angle = errors(pose_of(ideal_arm.truth()[-1]), goal)
+    distance, angle = errors(tool_of(ideal_arm), goal)
     assert distance < 0.002
     assert angle < 0.5
 
 
 def test_a_difference_in_the_base_is_along_its_axes_and_about_the_tools(fa, ideal_arm):
-    start = pose_of(ideal_arm.truth()[-1])
+    start = tool_of(ideal_arm)
     fa.goto_pose_delta(in_tool([0.03, 0.06, -0.05], [0.3, 0, 0], "world"), 1.5, use_impedance=False)
-    distance, angle = errors(pose_of(ideal_arm.truth()[-1]), moved(start, [0.03, 0.06, -0.05], [0.3, 0, 0]))
+    distance, angle = errors(tool_of(ideal_arm), moved(start, [0.03, 0.06, -0.05], [0.3, 0, 0]))
     assert distance < 0.001
     assert angle < 0.1
 
@@ -110,12 +111,12 @@ def test_a_tool_is_what_moves_to_the_pose(fa, ideal_arm):
     fa.set_tool_delta_pose(tool)
     goal = moved(fa.get_pose(), [0.05, -0.05, -0.05])
     fa.goto_pose(goal, 1.5, use_impedance=False)
-    base = pose_of(ideal_arm.truth()[-1]).as_frames("franka_tool_base")
+    base = tool_of(ideal_arm).as_frames("franka_tool_base")
     assert errors(base * tool, goal)[0] < 0.001
     # Turned in place about the tool's tip, this stays where it is.
     tip = (base * tool).translation
     fa.goto_pose_delta(in_tool(axis=[0, 0.3, 0]), 1.5, use_impedance=False)
-    base = pose_of(ideal_arm.truth()[-1]).as_frames("franka_tool_base")
+    base = tool_of(ideal_arm).as_frames("franka_tool_base")
     np.testing.assert_allclose((base * tool).translation, tip, atol=0.001)
 
 
@@ -126,7 +127,7 @@ def test_softer_springs_leave_more_of_the_friction(default_arm):
             fa.goto_joints(HOME, 1)
             goal = moved(fa.get_pose(), [0.1, 0.1, -0.1])
             fa.goto_pose(goal, 1.5, cartesian_impedances=[stiffness] * 3 + [50] * 3)
-            left[stiffness] = errors(pose_of(default_arm.truth()[-1]), goal)[0]
+            left[stiffness] = errors(tool_of(default_arm), goal)[0]
     assert left[2000] < left[200]
 
 
@@ -140,23 +141,23 @@ def test_reset_pose_and_reset_joints_lead_home(fa):
 
 def test_reads_agree_with_the_truth_and_with_each_other(fa, ideal_arm):
     fa.goto_joints(GOAL, 1)
-    row = ideal_arm.truth()[-1]
+    truth = ideal_arm.simulation.truth()
     state = fa.get_robot_state()
-    np.testing.assert_allclose(fa.get_joints(), row["q"], atol=1e-4)
-    np.testing.assert_allclose(state["joints"], row["q"], atol=1e-4)
-    np.testing.assert_allclose(fa.get_pose().matrix, pose_of(row).matrix, atol=1e-4)
-    np.testing.assert_allclose(state["pose"].matrix, pose_of(row).matrix, atol=1e-4)
+    np.testing.assert_allclose(fa.get_joints(), truth.q, atol=1e-4)
+    np.testing.assert_allclose(state["joints"], truth.q, atol=1e-4)
+    np.testing.assert_allclose(fa.get_pose().matrix, tool_of(ideal_arm).matrix, atol=1e-4)
+    np.testing.assert_allclose(state["pose"].matrix, tool_of(ideal_arm).matrix, atol=1e-4)
     np.testing.assert_allclose(fa.get_joint_velocities(), 0, atol=0.01)
-    np.testing.assert_allclose(fa.get_joint_torques(), row["tau_J"], atol=1)
+    np.testing.assert_allclose(fa.get_joint_torques(), truth.tau_J, atol=1)
     assert np.linalg.norm(fa.get_ee_force_torque()[:3]) < 2
     # Its own kinematics: of the frames of the links, and of the Jacobian by differences
-    frames = fa.get_links_transforms(row["q"], use_rigid_transforms=True)
-    np.testing.assert_allclose(frames[-1].matrix, pose_of(row).matrix, atol=1e-4)
+    frames = fa.get_links_transforms(truth.q, use_rigid_transforms=True)
+    np.testing.assert_allclose(frames[-1].matrix, tool_of(ideal_arm).matrix, atol=1e-4)
     numeric = [
-        (fa.get_links_transforms(row["q"] + e)[-1][:3, 3] - fa.get_links_transforms(row["q"] - e)[-1][:3, 3]) / 2e-6
+        (fa.get_links_transforms(truth.q + e)[-1][:3, 3] - fa.get_links_transforms(truth.q - e)[-1][:3, 3]) / 2e-6
         for e in 1e-6 * np.eye(7)
     ]
-    np.testing.assert_allclose(fa.get_jacobian(row["q"])[:3], np.transpose(numeric), atol=1e-6)
+    np.testing.assert_allclose(fa.get_jacobian(truth.q)[:3], np.transpose(numeric), atol=1e-6)
 
 
 def test_poses_are_fresh_and_may_be_changed(fa):
@@ -167,7 +168,7 @@ def test_poses_are_fresh_and_may_be_changed(fa):
 
 
 def test_a_motion_too_fast_for_the_arm_is_stretched_and_arrives(fa, ideal_arm):
-    start = fa.get_arm_state().robot.message_id
+    start = ideal_arm.cycle()
     goal = HOME + [1.5, 0, 0, 0, 0, 0, 0]
     fa.goto_joints(goal, 0.2)
     assert fa.last_skill_result.stretch > 1.5
@@ -185,7 +186,7 @@ def test_the_gripper_arrives_before_its_call_returns(fa, ideal_arm):
     fa.open_gripper()
     assert fa.get_gripper_width() == pytest.approx(0.08, abs=0.002)
     fa.goto_gripper(0.03)
-    assert ideal_arm.truth()[-1]["finger"].sum() == pytest.approx(0.03, abs=0.002)
+    assert ideal_arm.simulation.truth().finger.sum() == pytest.approx(0.03, abs=0.002)
     left, right = fa.get_finger_poses()
     assert np.linalg.norm(left.translation - right.translation) == pytest.approx(0.03, abs=0.002)
     fa.goto_gripper(0.07, block=False)
@@ -226,8 +227,14 @@ def test_states_come_at_a_lower_rate_and_in_parts_as_well(fa):
 
 
 def test_a_condition_is_waited_for(fa):
-    fa.goto_joints(GOAL, 20, block=False)  # long enough to have subscribed on the way
-    half = fa.wait_for(lambda state: state.robot.q[0] > GOAL[0] / 2)
+    once = iter([lambda: fa.goto_joints(GOAL, 2, block=False)])
+
+    def passed_half(state):
+        for start in once:  # now that states come
+            start()
+        return state.robot.q[0] > GOAL[0] / 2
+
+    half = fa.wait_for(passed_half)
     assert half.robot.q[0] < GOAL[0] * 0.9
     assert half.phase == proto.RUNNING
     with pytest.raises(FrankaArmCommException, match="In 0.05 s no state"):

@@ -337,7 +337,7 @@ def test_thresholds_of_frankapy_end_motions_at_a_contact(start):
 def test_an_arm_that_is_led_by_hand_stays_where_it_is_left(ideal_arm):
     def push() -> None:
         """Begin with the next motion: until then the world stands still."""
-        fa.wait_for(lambda state: state.phase == proto.IDLE)
+        ideal_arm.end_motion(fa)
         ideal_arm.simulation.pause(between_motions=True)
         ideal_arm.simulation.push([0, 6, 0, 0, 0, 0], duration=0.7)
 
@@ -414,10 +414,10 @@ def test_a_slow_motion_that_takes_over_does_not_run_away(fa):
 
 
 def test_fast_joints_do_not_move_the_tool_faster_than_the_robot_allows(start):
-    arm = start(robot="fer", ideal=True)
+    arm = start(robot="fer", ideal=True, truth=True)
     with arm.client() as fa:
         fa.goto_joints(STRETCHED * [-1, 1, 1, 1, 1, 1, 1], ignore_virtual_walls=True)
-        since = fa.get_arm_state().robot.message_id
+        since = arm.cycle()
         result = fa.run(TimeOptimalJoint(STRETCHED, 1))
         assert result.ending == proto.TERMINATED
         assert result.stretch > 1.01

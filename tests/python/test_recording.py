@@ -130,15 +130,14 @@ def test_an_arm_does_it_again(recorded, capsys):
 def test_a_file_that_is_cut_anywhere_is_read_as_far_as_it_goes(recorded, tmp_path):
     _, recording = recorded
     data = recording.path.read_bytes()
-    some = 0
-    for cut in random.Random(2).sample(range(9, len(data)), 40):
+    lengths = []
+    for cut in [*sorted(random.Random(2).sample(range(9, len(data)), 40)), len(data) - 1]:
         path = tmp_path / "cut.mcap"
         path.write_bytes(data[:cut])
         part = Recording(path)
-        assert len(part) <= len(recording)
-        some += len(part) > 0
+        lengths.append(len(part))
         assert np.array_equal(part.states.get("cycles", []), recording.states["cycles"][: len(part)])
-    assert some > 10
+    assert lengths == sorted(lengths) and lengths[-1] == len(recording)
     for garbage in (b"", b"no recording", data[:8] + bytes(1000), data[:2000] + os.urandom(2000)):
         path.write_bytes(garbage)
         if garbage.startswith(data[:8]):
@@ -178,8 +177,8 @@ def test_of_a_process_that_crashed_the_last_seconds_are_kept(tmp_path):
     with Simulation(SimulatedArm(lockstep=True), recordings=tmp_path) as simulation:
         with FrankaArm(server=simulation.server) as fa:
             fa.goto_joints(HOME, 1)
-            fa.run(RelativeMinJerkJoint([0.1] * 7, 60), skill_desc="the last", block=False)
-            time.sleep(0.3)
+            fa.run(RelativeMinJerkJoint([0.1] * 7, 1000), skill_desc="the last", block=False)
+            fa.wait_for(lambda state: state.phase == proto.RUNNING and state.skill_time > 1)
             os.kill(server_processes(simulation)[1], signal.SIGKILL)
             recording = newest(tmp_path, "crash-was-killed-by-signal-9")
     started = [event for _, event in recording.skills if event.HasField("started")]
@@ -200,6 +199,7 @@ def test_a_client_that_dies_in_the_middle_is_worth_it(tmp_path):
     assert recording.states["phase"][-1] == proto.RUNNING
 
 
+@pytest.mark.wall  # how much is missing at its end
 def test_a_server_that_is_killed_leaves_what_it_recorded(tmp_path):
     for attempt, wait in enumerate(random.Random(3).sample(range(300, 1500), 3)):
         folder = tmp_path / str(attempt)
@@ -240,15 +240,20 @@ def test_where_nothing_can_be_written_that_is_said(tmp_path):
 # --- reads -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.wall
 def test_the_newest_state_is_new(fa):
     fa.get_arm_state()
     for _ in range(50):
         state = fa.get_arm_state()
         assert 0 <= state.age < 0.5
         time.sleep(0.002)
+
+
+def test_reads_go_on(fa):
     before = fa.get_arm_state().cycles
-    time.sleep(0.05)
-    assert fa.get_arm_state().cycles > before
+    deadline = time.monotonic() + 30
+    while fa.get_arm_state().cycles <= before:
+        assert time.monotonic() < deadline
 
 
 def test_clocks_of_one_computer_agree(fa):

@@ -88,8 +88,8 @@ def test_velocities_that_are_published_are_kept_until_they_cease(fa):
 def test_a_stream_and_a_chunk_move_the_arm_until_a_message_ends_it(fa):
     fa.run(StreamJoint("policy"), InternalImpedance(), SensorSays("end"), block=False)
     with fa.publisher("policy") as publisher, fa.publisher("end") as end:
-        for i in range(60):
-            publisher.publish(proto.JointPositionSensorMessage(joints=HOME + 0.1 * np.sin(0.2 * i)))
+        for i in range(20):
+            publisher.publish(proto.JointPositionSensorMessage(joints=HOME + 0.1 * np.sin(0.4 * i)))
             time.sleep(0.01)
         wait_for(lambda: np.abs(fa.get_joints() - HOME).max() > 0.01)
         publisher.publish(proto.JointChunk(times=[0.05, 0.1, 0.15], joints=np.tile(NEAR, 3)))

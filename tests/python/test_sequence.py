@@ -18,7 +18,9 @@ from frankapy.parts import (
     TimeOptimalJoint,
 )
 
+TRUTH_FILE = True
 HOME = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+LONG = 1000  # s of the robot's clock; in lockstep, many seconds of ours
 STEP = np.array([0.1, -0.1, 0.1, 0.1, -0.1, 0.1, 0.1])
 
 
@@ -27,12 +29,12 @@ def speeds(arm, first, last):
     return np.abs(rows[rows["cycle"] <= last]["dq"]).max(axis=1)
 
 
-@pytest.mark.wall  # a client that stands still sends the next motion late
 def test_a_sequence_goes_on_without_a_gap(ideal_arm):
     with ideal_arm.client() as fa:
         fa.run(MinJerkJoint(HOME, 0.7))
-        began = fa.wait_for(lambda state: np.abs(state.robot.dq).max() < 5e-4, 10).robot.message_id
-        with fa.sequence() as results:
+        fa.wait_for(lambda state: np.abs(state.robot.dq).max() < 5e-4, 30)
+        began = ideal_arm.cycle()
+        with fa.sequence() as results, ideal_arm.standing_still():
             for delta in (STEP, STEP, -STEP):
                 fa.run(RelativeMinJerkJoint(delta, 0.5))
             fa.goto_joints(HOME, 0.5)
@@ -50,7 +52,7 @@ def test_what_comes_after_a_failure_is_cancelled_even_when_it_comes_late(ideal_a
     with ideal_arm.client() as fa:
         fa.run(MinJerkJoint(HOME, 0.7))
         with pytest.raises(FrankaArmException, match="joint_reflex"), fa.sequence() as results:
-            fa.run(RelativeMinJerkJoint(STEP, 5))
+            fa.run(RelativeMinJerkJoint(STEP, LONG))
             ideal_arm.simulation.inject("joint_reflex")
             fa._motion.call.final()
             fa.wait_for_franka_interface()
@@ -82,10 +84,10 @@ def test_blended_motions_do_not_stop(ideal_arm):
         slowest = {}
         for blend in (0, 0.3):
             fa.run(MinJerkJoint(HOME, 0.7))
-            with fa.sequence(blend=blend) as results:
+            with fa.sequence(blend=blend) as results, ideal_arm.standing_still():
                 for i in range(3):
                     fa.run(MinJerkJoint(HOME + (i + 1) * STEP, 0.8))
-            first, _, last = (result.last_state.robot.message_id for result in results)
+            first, _, last = (ideal_arm.cycle(result.last_state.robot.message_id) for result in results)
             slowest[blend] = speeds(ideal_arm, first - 100, last - 400).min()
             np.testing.assert_allclose(fa.get_joints(), HOME + 3 * STEP, atol=1e-3)
         assert slowest[0] < 1e-3 and slowest[0.3] > 0.01
@@ -96,7 +98,7 @@ def test_behind_a_failure_everything_is_cancelled(ideal_arm):
         fa.run(MinJerkJoint(HOME, 0.7))
         with pytest.raises(FrankaArmException, match="cartesian_reflex"), fa.sequence() as results:
             for _ in range(4):
-                fa.run(RelativeMinJerkJoint(STEP, 2))
+                fa.run(RelativeMinJerkJoint(STEP, LONG))
             ideal_arm.simulation.inject("cartesian_reflex")
         assert [result.ending for result in results] == [proto.ROBOT_ERROR] + [proto.CANCELLED] * 3
         fa.wait_for_franka_interface()
@@ -107,7 +109,7 @@ def test_behind_a_failure_everything_is_cancelled(ideal_arm):
 def test_stop_ends_all_that_are_queued(fa):
     with fa.sequence() as results:
         for _ in range(4):
-            fa.run(RelativeMinJerkJoint(STEP, 3))
+            fa.run(RelativeMinJerkJoint(STEP, LONG))
         fa.stop_skill()
     assert [result.ending for result in results] == [proto.STOPPED] * 4
     assert fa.is_skill_done()
@@ -115,7 +117,7 @@ def test_stop_ends_all_that_are_queued(fa):
 
 def test_an_exception_inside_stops_the_arm(fa):
     with pytest.raises(ZeroDivisionError), fa.sequence():
-        fa.run(RelativeMinJerkJoint(STEP, 3))
+        fa.run(RelativeMinJerkJoint(STEP, LONG))
         raise ZeroDivisionError
     assert fa.is_skill_done()
     assert fa.last_skill_result.ending == proto.STOPPED

@@ -33,23 +33,23 @@ def wait_until(condition):
         time.sleep(0.01)
 
 
-def test_a_call_that_does_not_wait_returns_at_once_and_can_be_polled(fa):
-    fa.goto_joints(GOAL, 5, block=False)
-    assert not fa.is_skill_done()
+def test_a_call_that_does_not_wait_returns_at_once_and_can_be_polled(fa, ideal_arm):
+    with ideal_arm.standing_still():
+        fa.goto_joints(GOAL, 1, block=False)
+        assert not fa.is_skill_done()
     wait_until(fa.is_skill_done)
     np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.001)
 
 
 def test_stop_brings_the_arm_to_rest_on_its_way(fa, ideal_arm):
-    start = fa.get_arm_state().robot.message_id
-    fa.goto_joints(GOAL, 60, block=False)
-    wait_until(lambda: np.abs(fa.get_joints() - HOME).max() > 0.001)
+    fa.goto_joints(GOAL, LONG, block=False)
+    wait_until(lambda: np.abs(fa.get_joints() - HOME).max() > 1e-4)
     fa.stop_skill()
     assert fa.is_skill_done()
     assert fa.last_skill_result.ending == proto.STOPPED
-    rows = ideal_arm.truth(since=start)
-    assert np.abs(rows[-1]["dq"]).max() < 0.005
-    assert np.abs(rows[-1]["q"] - GOAL).max() > 0.01
+    truth = ideal_arm.simulation.truth()
+    assert np.abs(truth.dq).max() < 0.005
+    assert np.abs(truth.q - GOAL).max() > 0.01
 
 
 def test_stop_with_nothing_to_stop_is_harmless(fa):
@@ -133,7 +133,7 @@ def test_garbage_on_its_ports_disturbs_nobody(ideal_arm):
     noise = random.Random(7)
     with ideal_arm.client() as fa:
         fa.goto_joints(HOME, 1)
-        fa.goto_joints(GOAL, 5, block=False)
+        fa.goto_joints(GOAL, 20, block=False)
         for address in endpoints(ideal_arm):
             for size in (0, 1, 11, 64, 100_000):
                 with socket.create_connection(address) as stranger:
@@ -157,11 +157,11 @@ def test_messages_that_are_no_requests_are_answered_or_dropped(ideal_arm):
         dealer.send(proto.Request(request_id=3).SerializeToString())
         dealer.send(proto.Request(request_id=4, get_state=proto.GetState()).SerializeToString())
         answered = []
-        while dealer.poll(500):
+        while not {3, 4} <= set(answered):
+            assert dealer.poll(30_000)
             reply = proto.Reply.FromString(dealer.recv())
             assert reply.WhichOneof("answer") == "error"
             answered.append(reply.request_id)
-        assert {3, 4} <= set(answered)
         dealer.close()
     context.term()
     with ideal_arm.client() as fa:
@@ -185,7 +185,7 @@ def test_another_version_of_the_interface_is_refused(ideal_arm):
 
 
 def test_what_is_left_to_the_garbage_collector_closes_in_whatever_order(ideal_arm):
-    for _ in range(20):
+    for _ in range(8):
         fa = ideal_arm.client()
         fa.get_joints(), fa.get_joints(), fa.get_joints()
         cycle = [fa, fa.states(), fa.publisher("left")]

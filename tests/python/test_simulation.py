@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import zmq
 
-from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, proto
 from frankapy.sim import CONTROL_PORT, ControlChannel, SimulatedArm, Simulation, free_address, read_truth
 
 HOME = [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4]
@@ -284,7 +284,8 @@ def _distance_to_table(tcp):
 # --- the robot ---------------------------------------------------------------------------------------------------------
 
 
-def test_user_stop_ends_a_skill(sim, fa):
+def test_user_stop_ends_a_skill(sim, fa, monkeypatch):
+    monkeypatch.setattr(FrankaConstants, "DEFAULT_FRANKA_INTERFACE_TIMEOUT", 0.2)  # it is in vain to wait for readiness
     fa.goto_joints(HOME, duration=1)
     fa.goto_joints(np.array(HOME) + 0.1, duration=3600, block=False)
     until(lambda: sim.truth().moving)
@@ -293,7 +294,7 @@ def test_user_stop_ends_a_skill(sim, fa):
         fa.wait_for_skill()
     assert not sim.truth().moving
     sim.user_stop(False)
-    fa.wait_for_franka_interface()
+    fa.wait_for_franka_interface(10)
     fa.goto_joints(HOME, duration=1)
 
 

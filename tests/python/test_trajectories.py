@@ -19,6 +19,7 @@ from frankapy.parts import (
     Time,
 )
 
+TRUTH_FILE = True
 GOAL = HOME + [0.2, -0.15, 0.1, 0.2, -0.2, 0.1, 0.3]
 
 
@@ -70,7 +71,7 @@ def truth_of(arm, fa, run):
         state = next(each for each in states if each.skill_id != before and each.phase == proto.RUNNING)
     result = fa.last_skill_result
     assert result.ending == proto.TERMINATED, result
-    rows = arm.truth(since=state.robot.message_id - round(1000 * state.skill_time))
+    rows = arm.truth(since=arm.cycle(state.robot.message_id) - round(1000 * state.skill_time))
     t = (rows["cycle"] - rows["cycle"][0]) / 1000
     return t[t <= result.time], rows[t <= result.time]
 

@@ -13,6 +13,7 @@ from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmEx
 from frankapy.parts import CartesianImpedance, FreeDrive, JointImpedance, MinJerkJoint, Never, StayJoint, StreamJoint, StreamPose, Time
 from frankapy.walls import Box, Capsule, Cylinder, Plane, Sphere
 
+TRUTH_FILE = True
 LEFT = HOME + [0.9, 0, 0, 0, 0, 0, 0]
 WALL = Box([1, 0.01, 1], [0.4, 0.25, 0.5])
 FACE = 0.25 - 0.005  # m, its y
@@ -100,14 +101,12 @@ def test_a_way_through_a_wall_is_refused_with_the_place(walled):
 @pytest.mark.parametrize("controller", [None, JointImpedance()], ids=["robot", "torque"])
 def test_what_is_streamed_through_a_wall_ends_before_it(controller, walled, ideal_arm):
     walled.walls.add("glass", WALL)
-    first = walled.get_arm_state().robot.message_id
-    parts = [StreamJoint("goal"), *([controller] if controller else [proto.InternalImpedance()])]
+    first = ideal_arm.cycle()
+    parts = [StreamJoint("goal", delay=0, timeout=0), *([controller] if controller else [proto.InternalImpedance()])]
     walled.run(*parts, Never(), block=False)
     with walled.publisher("goal") as publisher:
-        for _ in range(50):
-            publisher.publish(proto.JointPositionSensorMessage(joints=LEFT))
-            time.sleep(0.01)
-        walled.wait_for(lambda state: state.robot.q[0] > 0.15 and max(np.abs(state.robot.dq)) < 1e-3, timeout=30)
+        publisher.publish(proto.JointPositionSensorMessage(joints=LEFT))
+        walled.wait_for(lambda state: state.robot.q[0] > 0.15 and max(np.abs(state.robot.dq)) < 1e-3, timeout=60)
     walled.stop_skill()
     assert walled.last_skill_result.wall == "glass"
     assert 0.009 < gap(ideal_arm.truth(first)) < 0.012
@@ -119,15 +118,13 @@ def test_what_is_streamed_through_a_wall_ends_before_it(controller, walled, idea
 )
 def test_a_pose_slides_along_a_wall_to_beside_its_goal(controller, walled, ideal_arm):
     walled.walls.add("glass", WALL)
-    first = walled.get_arm_state().robot.message_id
+    first = ideal_arm.cycle()
     goal = walled.get_pose()
     goal.translation[:] += [0.1, 0.3, 0]
-    walled.run(StreamPose("goal"), controller, Never(), block=False)
+    walled.run(StreamPose("goal", delay=0, timeout=0), controller, Never(), block=False)
     with walled.publisher("goal") as publisher:
-        for _ in range(20):
-            publisher.publish(proto.PosePositionSensorMessage(position=goal.translation, quaternion=goal.quaternion))
-            time.sleep(0.01)
-        walled.wait_for(lambda state: state.robot.O_T_EE[12] > goal.translation[0] - 0.01, timeout=30)
+        publisher.publish(proto.PosePositionSensorMessage(position=goal.translation, quaternion=goal.quaternion))
+        walled.wait_for(lambda state: state.robot.O_T_EE[12] > goal.translation[0] - 0.01, timeout=60)
     walled.stop_skill()
     assert walled.last_skill_result.wall == "glass"
     assert 0.005 < gap(ideal_arm.truth(first)) < 0.02
@@ -135,21 +132,28 @@ def test_a_pose_slides_along_a_wall_to_beside_its_goal(controller, walled, ideal
 
 def test_an_arm_that_is_pushed_is_held_off(walled, ideal_arm):
     walled.walls.add("glass", WALL)
-    first = walled.get_arm_state().robot.message_id
-    walled.run(StayJoint(6), FreeDrive(), Time(5), block=False)
-    walled.wait_for(lambda state: state.phase == proto.RUNNING)
-    ideal_arm.simulation.push([0, 12, 0, 0, 0, 0], duration=4)
-    walled.wait_for_skill()
+    ideal_arm.end_motion(walled)
+    with ideal_arm.standing_still(between_motions=True):  # the push begins with the skill
+        first = ideal_arm.cycle()
+        ideal_arm.simulation.push([0, 12, 0, 0, 0, 0], duration=4)
+        walled.run(StayJoint(6), FreeDrive(), Time(5))
     assert walled.last_skill_result.ending == proto.TERMINATED
     assert walled.last_skill_result.wall == "glass"
     assert 0.001 < gap(ideal_arm.truth(first)) < 0.01
 
 
 def test_a_wall_comes_while_a_skill_runs(walled, ideal_arm):
-    first = walled.get_arm_state().robot.message_id
+    first = ideal_arm.cycle()
     walled.run(MinJerkJoint(LEFT, 30), proto.InternalImpedance(), block=False)
-    walled.wait_for(lambda state: state.robot.q[0] > 0.02)
-    walled.walls.add("glass", WALL)
+    with contextlib.ExitStack() as until_it_is_there:
+
+        def pause_on_the_way(state):
+            if state.robot.q[0] > 0.02:
+                until_it_is_there.enter_context(ideal_arm.standing_still())
+            return state.robot.q[0] > 0.02
+
+        walled.wait_for(pause_on_the_way)
+        walled.walls.add("glass", WALL)
     walled.wait_for_skill()
     assert walled.last_skill_result.wall == "glass"
     assert gap(ideal_arm.truth(first)) > 0.009

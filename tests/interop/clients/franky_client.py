@@ -1,5 +1,6 @@
 """franky-control 2.0.0 (libfranka 0.21.2, protocol 10) or 1.1.0 (0.15.0, protocol 9): `franky_client.py ADDRESS`."""
 
+import contextlib
 import sys
 import time
 
@@ -9,6 +10,8 @@ import report
 ADDRESS = sys.argv[1]
 robot = franky.Robot(ADDRESS, realtime_config=franky.RealtimeConfig.Ignore)
 FACTOR = 0.2  # of franky's limits
+# The same where a motion is not to be over before it is stopped, although in lockstep its time goes much faster than ours.
+SLOW = 0.002
 robot.relative_dynamics_factor = FACTOR
 robot.recover_from_errors()
 
@@ -71,27 +74,50 @@ def impedance():
     report.expect_joint(start, joints(), 0.01)
 
 
+def wait_until(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
+        if time.monotonic() > deadline:
+            raise AssertionError("it has not come within a minute")
+        time.sleep(0.001)
+
+
+def moved_from(start):
+    return joints()[report.JOINT] - start[report.JOINT]
+
+
+@contextlib.contextmanager
+def on_the_way(start):
+    """Have a slow motion under way, which what is done inside ends before its goal."""
+    robot.relative_dynamics_factor = SLOW
+    try:
+        robot.move(franky.JointMotion(report.joint_position(start, report.TIME)), asynchronous=True)
+        wait_until(lambda: moved_from(start) > 0.001)
+        yield
+        if not moved_from(start) < 0.8 * report.ANGLE:
+            raise AssertionError("the arm did not stop on its way")
+    finally:
+        robot.relative_dynamics_factor = FACTOR
+
+
 def stop():
     """A motion that another one replaces while it runs."""
-    start = joints()
-    robot.move(franky.JointMotion(report.joint_position(start, report.TIME)), asynchronous=True)
-    time.sleep(0.2)
-    robot.move(franky.JointStopMotion())
-    state = robot.current_joint_state
-    report.expect("joint velocity", max(abs(v) for v in state.velocity), 0.0, 0.05)
+    with on_the_way(joints()):
+        robot.move(franky.JointStopMotion())
+        state = robot.current_joint_state
+        report.expect("joint velocity", max(abs(v) for v in state.velocity), 0.0, 0.005)
 
 
 def cancel():
     """A motion that is cancelled from outside."""
     start = joints()
-    robot.move(franky.JointMotion(report.joint_position(start, report.TIME)), asynchronous=True)
-    time.sleep(0.1)
-    robot.stop()
-    try:
-        robot.join_motion(1.0)
-    except franky.ControlException as error:
-        if "preempted" not in str(error):
-            raise
+    with on_the_way(start):
+        robot.stop()
+        try:
+            robot.join_motion(10.0)
+        except franky.ControlException as error:
+            if "preempted" not in str(error):
+                raise
     robot.recover_from_errors()
     robot.move(franky.JointMotion(start))
     report.expect("joint", joints()[report.JOINT], start[report.JOINT], 0.01)
@@ -161,9 +187,9 @@ def model():
 def torque():
     start = joints()
     robot.move(franky.JointImpedanceMotion(report.joint_position(start, report.TIME)), asynchronous=True)
-    time.sleep(1.5)
+    wait_until(lambda: abs(moved_from(start) - report.ANGLE) < 0.05 and max(map(abs, robot.current_joint_velocities)) < 0.01)
     robot.move(franky.TorqueStopMotion())
-    report.expect("joint", joints()[report.JOINT] - start[report.JOINT], report.ANGLE, 0.05)
+    report.expect("joint", moved_from(start), report.ANGLE, 0.05)
 
 
 def gripper():
