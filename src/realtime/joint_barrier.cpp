@@ -16,6 +16,10 @@ constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is loo
 constexpr double kEndMargin = 0.02;    // rad before the end of the range where pushing back begins at the latest
 constexpr double kFullPush = 0.03;     // rad, over which pushing back rises to the greatest torque
 constexpr double kMotorInertia = 0.1;  // kg m², about what the mass matrix leaves out of each joint
+constexpr double kReturnSpeed = 0.2;   // rad/s of a joint that comes back to its reference from farther away than the next
+constexpr double kReturnFrom = 0.05;   // rad
+constexpr double kReturnShare = 2;     // of the reference's own speed, and more
+constexpr double kReturnEase = 40;     // 1/s more speed where it is nearer
 constexpr int kPasses = 4;             // through the joints, as each moves the others
 
 }  // namespace
@@ -28,7 +32,7 @@ JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {
 }
 
 bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c,
-                       Vector7& tau_J_d) const noexcept {
+                       const Lead* lead, Vector7& tau_J_d) const noexcept {
   // Along the way that each joint moves: its greatest speed here, and the acceleration that keeps to it.
   Vector7 sign, most;
   bool near = false, needed = false;
@@ -39,7 +43,11 @@ bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& M, co
     const double allowed = kSpeedShare * sign[i] * (dq[i] < 0 ? limits_.dq_lower(i, q[i]) : limits_.dq_upper(i, q[i]));
     const double brake = kBrakeShare * limits_.ddq_max[i];
     const double brakable = std::sqrt(2 * brake * std::max(way, 0.));
-    const double greatest = std::min(allowed, brakable);
+    double greatest = std::min(allowed, brakable);
+    if (lead != nullptr && sign[i] * (lead->q[i] - q[i]) > 0) {
+      const double nearer = std::max(kReturnFrom - std::abs(lead->q[i] - q[i]), 0.);
+      greatest = std::min(greatest, kReturnSpeed + kReturnShare * std::abs(lead->dq[i]) + kReturnEase * nearer);
+    }
     most[i] = kApproach * (greatest - speed);
     if (brakable < allowed) most[i] -= brake * std::min(speed / std::max(brakable, 1e-3), 1.);
     near |= speed > kFarFrom * greatest;

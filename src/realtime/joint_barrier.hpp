@@ -15,8 +15,14 @@ class JointBarrier {
  public:
   explicit JointBarrier(const models::Limits& limits);
 
+  // Where the arm is led to, rad and rad/s. An arm that is far from there, as something held it, goes back slowly.
+  struct Lead {
+    Vector7 q, dq;
+  };
+
   // Adds to tau_J_d, N m; M is the mass matrix at q, c the Coriolis torque (N m). True if it had to.
-  bool add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, Vector7& tau_J_d) const noexcept;
+  bool add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, const Lead* lead,
+           Vector7& tau_J_d) const noexcept;
 
  private:
   models::Limits limits_;

@@ -45,6 +45,7 @@ constexpr double kEnvelopeSlack = 0.02;
 constexpr double kRestVelocity = 1e-6;
 constexpr double kRestAcceleration = 1e-3;
 constexpr double kRounding = 1 + 1e-6;
+constexpr double kMismatch = 0.05;  // of a limit, between the derivatives that a reference has and those of its positions
 constexpr double kStuckWay = 1e-3;  // rad, m that is no way made
 constexpr int kStuckCycles = 500;
 constexpr double kWayStep = 0.015;  // rad, m between the places of a way to rest, at most where there are enough of them
@@ -414,6 +415,11 @@ struct Limiter::Impl : Motion {
     write(out);
     for (int i = 0; i < kJoints; ++i) {
       if (!pass[i]) continue;
+      // Derivatives that are not those of the positions would step a torque, or a velocity: then the differences count.
+      const Joint& joint = joints[i];
+      if (std::abs(wanted.dq[i] - joint.velocity) > kMismatch * limits.dq_max[i]) continue;
+      // Differences lag by half a cycle.
+      if (std::abs(wanted.ddq[i] - joint.acceleration) > kMismatch * limits.ddq_max[i] + dt * limits.dddq_max[i]) continue;
       out.dq[i] = wanted.dq[i];
       out.ddq[i] = wanted.ddq[i];
     }
@@ -714,11 +720,16 @@ struct Limiter::Impl : Motion {
     if (!translation.held) position = wanted.position;
     if (!rotation.held) orientation = wanted.orientation;
     write(out);
-    if (!translation.held) {
+    const auto fits = [dt](const Part& part, const Vector3& velocity, const Vector3& acceleration) {
+      return !part.held && (velocity - part.velocity).norm() <= kMismatch * part.limits.velocity &&
+             (acceleration - part.acceleration).norm() <=
+                 kMismatch * part.limits.acceleration + dt * part.limits.jerk;
+    };
+    if (fits(translation, wanted.velocity.head<3>(), wanted.acceleration.head<3>())) {
       out.velocity.head<3>() = wanted.velocity.head<3>();
       out.acceleration.head<3>() = wanted.acceleration.head<3>();
     }
-    if (!rotation.held) {
+    if (fits(rotation, wanted.velocity.tail<3>(), wanted.acceleration.tail<3>())) {
       out.velocity.tail<3>() = wanted.velocity.tail<3>();
       out.acceleration.tail<3>() = wanted.acceleration.tail<3>();
     }
@@ -897,6 +908,8 @@ bool Limiter::reconcile(const Reference& robots, double dt, Reference& out) noex
   return true;
 }
 
+const Reference& Limiter::last() const noexcept { return impl_->last; }
+
 bool Limiter::stuck() const noexcept { return impl_->stuck_cycles >= kStuckCycles; }
 
 bool Limiter::at_rest() const noexcept {
@@ -918,7 +931,16 @@ TorqueLimiter::TorqueLimiter(const models::Limits& limits)
     : tau_max_(kShare * Vector7::Map(limits.tau_max.data())),
       dtau_max_(kShare * Vector7::Map(limits.dtau_max.data())) {}
 
-bool TorqueLimiter::limit(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) noexcept {
+bool TorqueLimiter::scale(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {
+  const bool finite = wanted.allFinite();
+  const Vector7 target = finite ? Vector7(wanted / std::max(share(wanted), 1.)) : Vector7::Zero();
+  const Vector7 change = target - last;
+  const double rate = change.cwiseAbs().cwiseQuotient(dt * dtau_max_).maxCoeff();
+  out = last + change / std::max(rate, 1.);
+  return !finite || rate > 1 || share(wanted) > 1;
+}
+
+bool TorqueLimiter::limit(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {
   bool held = false;
   for (int i = 0; i < kJoints; ++i) {
     const double target = std::isfinite(wanted[i]) ? std::clamp(wanted[i], -tau_max_[i], tau_max_[i]) : 0;

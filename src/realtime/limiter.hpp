@@ -61,6 +61,9 @@ class Limiter {
   // is then where the robot is.
   bool reconcile(const Reference& robots, double dt, Reference& out) noexcept;
 
+  // The last output.
+  const Reference& last() const noexcept;
+
   // The last output moves no more.
   bool at_rest() const noexcept;
 
@@ -80,9 +83,12 @@ class TorqueLimiter {
   // The greatest of these torques, by what that joint can give.
   double share(const Vector7& tau) const noexcept { return tau.cwiseAbs().cwiseQuotient(tau_max_).maxCoeff(); }
 
-  // `last` is what was commanded dt seconds before, N m. True if it had to hold something back. An
-  // element that is not finite is replaced by the last one, brought towards zero.
-  bool limit(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) noexcept;
+  // Brings the whole vector inside the limits, in its direction, from `last`, which was commanded dt seconds before; N m. True if
+  // it had to. One that is not finite is taken for zero.
+  bool scale(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept;
+
+  // The same for each joint by itself. An element that is not finite is taken for zero.
+  bool limit(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept;
 
  private:
   Vector7 tau_max_, dtau_max_;

@@ -6,7 +6,6 @@
 #include <limits>
 #include <utility>
 
-#include "realtime/cholesky.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/tool.hpp"
 
@@ -15,14 +14,13 @@ namespace {
 
 constexpr std::uint64_t kAnswerTime = 1000;     // ms for the robot to answer a request or to change its modes
 constexpr std::uint64_t kRecoveryTime = 10000;  // ms: brakes are opened on the way
+constexpr std::uint64_t kMoveAgain = 20;        // ms after which a motion that was not possible is asked for again
+constexpr std::uint64_t kLongestGap = 1000;     // ms that a cycle may come after the one before
 constexpr std::uint64_t kAnswerLead = 20;       // ms by which the answer to Move may precede its state
-constexpr std::uint64_t kMaxTicks = 50;         // ms followed through a gap; the robot gives up after 20
 constexpr std::size_t kDoorRoom = 4;            // results and skills that one more skill may send back at once
 
-// Finishing a motion while the arm moves is a reflex; under torque control it may still swing when the reference
-// rests.
-constexpr double kSlow = 0.01;                 // rad/s
-constexpr std::uint64_t kSettlingTime = 1000;  // ms after which it is damped, and then finished nevertheless
+// Finishing a motion while the arm moves is a reflex; under torque control it may still swing when the reference rests.
+constexpr std::uint64_t kSettlingTime = 1000;  // ms after which it is damped until it rests
 
 // Torque that brings an arm to rest whose controller has failed, or does not hold it: damping, N m s/rad.
 const Vector7 kFaultDamping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
@@ -30,12 +28,7 @@ const Vector7 kFaultDamping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
 constexpr double kFadeTime = 0.1;       // s in which a difference of torque fades away, at least
 constexpr double kFadePerTorque = 0.3;  // s more, where it is more than a joint can give: for each time of that
 constexpr double kLongestFade = 5;      // s
-constexpr double kBeside = 2e-3;         // rad, m
 constexpr double kEffortDecay = 0.98;    // a cycle, of what is exerted beside a motion that is braked
-constexpr double kFloatRounding = 1e-5;  // of a state in protocol version 10
-
-// The last commanded pose is believed if it is a pose, and this near to the measured one (m).
-constexpr double kMaxPoseError = 0.1;
 
 std::int64_t now_ns() {
   timespec now;
@@ -45,38 +38,13 @@ std::int64_t now_ns() {
 
 Vector7 vector(const fci::Vector7& values) { return Vector7::Map(values.data()); }
 
-void copy(const Vector7& from, fci::Vector7& to) { Vector7::Map(to.data()) = from; }
-
-// What leads from one pose to the other: m, and a rotation vector; axes of O.
-Vector6 change_between(const CartesianReference& from, const CartesianReference& to) {
-  Vector6 change;
-  change << to.position - from.position, log(to.orientation * from.orientation.conjugate());
-  return change;
-}
-
-// The constant twist in the axes of O that leads there in dt seconds.
-fci::Vector6 twist_between(const CartesianReference& from, const CartesianReference& to, double dt) {
-  fci::Vector6 twist;
-  Vector6::Map(twist.data()) = change_between(from, to) / dt;
-  return twist;
-}
-
-bool is_finite(const Reference& reference) {
-  if (!reference.wrench.allFinite() || !reference.torque.allFinite()) return false;
-  if (reference.kind == ReferenceKind::kJoint) {
-    const JointReference& joint = reference.joint;
-    return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
-  }
-  const CartesianReference& pose = reference.cartesian;
-  return pose.position.allFinite() && pose.orientation.coeffs().allFinite() && pose.velocity.allFinite() &&
-         pose.acceleration.allFinite();
-}
-
-// So near to each other that an arm which a wall holds up does not stir for it.
-bool beside(const Reference& a, const Reference& b) {
-  if (a.kind == ReferenceKind::kJoint) return (a.joint.q - b.joint.q).norm() < kBeside;
-  return (a.cartesian.position - b.cartesian.position).norm() < kBeside &&
-         a.cartesian.orientation.angularDistance(b.cartesian.orientation) < kBeside;
+// How far the reference is behind what is wanted, by what lets a path wait.
+double lag(const Reference& wanted, const Reference& reference) {
+  constexpr double kJoint = 0.05, kPosition = 0.03, kAngle = 0.1;  // rad, m, rad
+  if (wanted.kind != reference.kind || !is_finite(wanted)) return 0;
+  if (wanted.kind == ReferenceKind::kJoint) return (wanted.joint.q - reference.joint.q).cwiseAbs().maxCoeff() / kJoint;
+  const Vector6 way = change_between(reference.cartesian, wanted.cartesian);
+  return std::max(way.head<3>().norm() / kPosition, way.tail<3>().norm() / kAngle);
 }
 
 // Calls visit(needed, in force) for each setting that `skill` (or else `base`) gives and that is not in force.
@@ -115,9 +83,8 @@ Loop::Loop(robot::Driver& driver, Model& model, const models::Limits& limits, co
       model_(model),
       options_(options),
       door_(door),
-      limiter_(limits),
-      torque_limiter_(limits),
-      joint_barrier_(limits),
+      gate_(limits, model),
+      torque_gate_(limits),
       watch_(options.watch) {
   left_over_.set_duration(kFadeTime);
   tool_state_.m_ee = -1;  // so that the first state's is taken
@@ -176,9 +143,11 @@ void Loop::observe() noexcept {
   cycle_.O_T_EE = pose(state_.O_T_EE);
   cycle_.dt = static_cast<double>(ticks_) * kTick;
   cycle_.tau_J_d = tau_J_d_;
-  if (mode_.torque()) model_.update(cycle_.q, cycle_.dq);
+  model_.update(cycle_.q, cycle_.dq);
+  cycle_.q_ref = gate_.joints().q;
+  cycle_.dq_ref = gate_.joint_velocity();
   limited_ = false;
-  coasted_ = in_motion() && mode_.motion() && commands_were_lost();
+  coasted_ = in_motion() && commands_were_lost();
 }
 
 void Loop::take_answers() noexcept {
@@ -193,7 +162,9 @@ void Loop::take_answers() noexcept {
     } else if (answer->id == move_id_) {
       if (answer->status == fci::Status::kMotionStarted) continue;
       move_id_.reset();
-      if (phase_ == Phase::kStarting) {
+      if (phase_ == Phase::kStarting && answer->status == fci::Status::kNotPossible && !overdue()) {
+        move_again_ = state_.message_id + kMoveAgain;  // the motion before may not be over on the robot's side
+      } else if (phase_ == Phase::kStarting) {
         phase_ = Phase::kIdle;
         drop_next(Ending::kRefused, fci::Command::kMove, answer->status);
       } else if (in_motion()) {
@@ -296,7 +267,7 @@ void Loop::change_skill() noexcept {
     const bool prepares = next_ != nullptr && !(next_waits() && fits_motion(*next_));
     if (prepares || quit_ || faulty_ || state_.message_id >= hold_until_) {
       leave_motion();
-    } else if (phase_ == Phase::kBraking && limiter_.at_rest()) {
+    } else if (phase_ == Phase::kBraking && gate_.at_rest()) {
       hold();  // what it was left for has been stopped
     }
   }
@@ -324,7 +295,7 @@ void Loop::prepare_motion() noexcept {
     }
   }
   if (phase_ == Phase::kStarting) {
-    if (!move_id_) {
+    if (!move_id_ && state_.message_id >= move_again_) {
       fci::Move move;
       move.controller_mode = wire_mode_.controller;
       move.motion_generator_mode = wire_mode_.generator;
@@ -342,35 +313,30 @@ void Loop::prepare_motion() noexcept {
 }
 
 void Loop::generate_reference() noexcept {
-  if (mode_.cartesian()) {
-    const Vector7 q_d = vector(state_.q_d);
-    joints_ = model_.joints_of_pose(q_d);
-    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(q_d)));
-  }
-  // Where states were lost, the robot has moved a reference of its own on with constant acceleration. One that
-  // only our own controller follows has gone where the trajectory led it.
-  std::uint64_t steps = std::min(ticks_, kMaxTicks);
-  coasted_ |= mode_.motion() && steps > 1;
-  if (mode_.motion()) {
-    for (; steps > 1; --steps) limiter_.coast(kTick, reference_);
-  }
+  int steps = robot_->pass(static_cast<int>(std::min<std::uint64_t>(ticks_, kLongestGap)), gate_.limiter(), reference_);
+  coasted_ |= robot_->has_reference() && ticks_ > 1;
+  const Vector7 q_d = vector(state_.q_d);
+  gate_.observe(reference_, robot_->makes_joints() ? &q_d : nullptr);
   if (phase_ == Phase::kRunning && !waits_for_start()) {
     skill_time_ += cycle_.dt;
     cycle_.time = skill_time_;
-    const double now = skill_time_ - trajectory_start_;
-    const auto step_trajectory = [&](double time) {
-      return watch_.step(PartWatch::kTrajectory, skill_->numbers.trajectory,
-                         [&] { return skill_->trajectory->step(time, wanted_); });
+    const auto step_trajectory = [&] {
+      const bool over = watch_.step(PartWatch::kTrajectory, skill_->numbers.trajectory,
+                                    [&] { return skill_->trajectory->step(std::max(path_.time(), 0.), wanted_); });
+      path_.slow(wanted_);
+      return over;
     };
     if (coasted_) {
-      step_trajectory(now - kTick);
+      path_.step(path_.rate(), cycle_.dt - kTick);
+      step_trajectory();
       rejoin_.start(reference_, wanted_);
     }
     for (; steps > 0; --steps) {
-      const double time = now - static_cast<double>(steps - 1) * kTick;
-      trajectory_over_ = step_trajectory(std::max(time, 0.0));
+      pace_path();
+      trajectory_over_ = step_trajectory();
       if (rejoin_.active()) rejoin_.step(kTick, wanted_);
-      follow_wanted();
+      held_back_ = gate_.follow(wanted_, reference_);
+      limited_ |= held_back_;
     }
     trajectory_over_ &= !rejoin_.active();
     reference_.wrench = wanted_.wrench;
@@ -378,17 +344,26 @@ void Loop::generate_reference() noexcept {
     if (!is_finite(wanted_)) watch_.not_finite(PartWatch::kTrajectory, skill_->numbers.trajectory);
     if (watch_.at_fault()) stop_running(Ending::kComponentFault);
   } else {
+    cycle_.time += cycle_.dt;
     for (; steps > 0; --steps) {
-      previous_ = reference_;
-      limiter_.brake(kTick, reference_);
+      gate_.brake(reference_);
       reference_.wrench *= kEffortDecay;
       reference_.torque *= kEffortDecay;
     }
   }
 }
 
+// One cycle on along the path: slower where the reference has fallen behind it, as the limits are in the way, and where the arm
+// has fallen behind the reference, as something holds it.
+void Loop::pace_path() noexcept {
+  const double behind = held_back_ ? lag(wanted_, reference_) : 0;
+  const double held = robot_->takes_torque() && !robot_->has_reference() ? gate_.lag_of(cycle_) : 0;
+  path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
+  if (behind >= held && !gate_.stuck()) slowed_ += (1 - path_.rate()) * kTick;
+}
+
 void Loop::compute_torque() noexcept {
-  if (mode_.torque()) {
+  if (robot_->takes_torque()) {
     Vector7 tau;
     // An arm that its controller does not bring to rest in time is damped.
     const bool lets_go = skill_ == nullptr && (!holder_->controller->tracks() || (leaving_ && overdue()));
@@ -403,92 +378,16 @@ void Loop::compute_torque() noexcept {
       if (faulty_ && skill_ != nullptr) stop_running(Ending::kComponentFault);
     }
     if (faulty_ || lets_go) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
-    if (wall_guard_.active() && wall_guard_.add(cycle_.q, cycle_.dq, model_.mass(), model_.coriolis(), tau)) {
-      limited_ = walled_skill_ = true;
-    }
-    limited_ |= joint_barrier_.add(cycle_.q, cycle_.dq, model_.mass(), model_.coriolis(), tau);
-    // The robot compares with the command before, however long ago that was; or, where one was lost, with the last that came.
-    const Vector7 sent = tau_J_d_, came = vector(state_.tau_J_d);
-    limited_ |= torque_limiter_.limit(tau, sent, kTick, tau_J_d_);
-    if (state_.control_command_success_rate < 1 && !came.isApprox(sent, kFloatRounding)) {
-      limited_ |= torque_limiter_.limit(tau_J_d_, came, kTick, tau_J_d_);
-    }
+    limited_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, holder_->controller->tracks() && !lets_go, tau_J_d_);
+    walled_skill_ |= torque_gate_.walled();
   }
+  walled_skill_ |= gate_.walled();
   if (skill_ != nullptr && limited_) ++limited_cycles_;
 }
 
-// --- walls -----------------------------------------------------------------------------------------------------------
-
 void Loop::take_walls() noexcept {
   if (door_.walls.empty() || door_.former_walls.room() == 0) return;
-  if (Walls* const former = wall_guard_.change(door_.walls.take())) door_.former_walls.push(former);
-}
-
-// The next reference. Where it would leave no clear way to rest, what of it leads past the walls; and to rest where that does
-// not do either, which was clear the last time.
-void Loop::follow_wanted() noexcept {
-  previous_ = reference_;
-  bool held = limiter_.follow(wanted_, kTick, reference_);
-  if (wall_guard_.active()) {
-    map_to_joints();
-    const bool clear = way_to_rest_is_clear(WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
-    if (!clear) {
-      const Reference aside = past_walls();
-      limiter_.take_back();
-      bool along = !beside(aside, previous_);
-      if (along) {
-        limiter_.follow(aside, kTick, reference_);
-        along = way_to_rest_is_clear(WallGuard::kClearance);
-        if (!along) limiter_.take_back();
-      }
-      if (!along) limiter_.brake(kTick, reference_);
-      held = walled_skill_ = true;
-    }
-    walled_ = !clear;
-  }
-  limited_ |= held;
-}
-
-// About where the joints are at the reference before, and how they go along with a change of it.
-void Loop::map_to_joints() noexcept {
-  if (previous_.kind == ReferenceKind::kJoint) {
-    joints_.q = previous_.joint.q;
-    return;
-  }
-  if (mode_.cartesian()) return;  // the robot's own
-  joints_ = model_.joints_of_pose(cycle_.q);
-  CartesianReference measured;
-  measured.position = cycle_.O_T_EE.translation();
-  measured.orientation = Eigen::Quaterniond(cycle_.O_T_EE.linear());
-  joints_.q += joints_.dq_dP * change_between(measured, previous_.cartesian);
-}
-
-bool Loop::way_to_rest_is_clear(double clearance) noexcept {
-  std::array<Vector7, WallGuard::kMostOnWay> way;
-  std::size_t count = 0;
-  if (reference_.kind == ReferenceKind::kJoint) {
-    count = limiter_.way_to_rest(std::span(way));
-  } else {
-    std::array<Vector6, WallGuard::kMostOnWay> poses;
-    count = limiter_.way_to_rest(std::span(poses));
-    const Vector6 step = change_between(previous_.cartesian, reference_.cartesian);
-    for (std::size_t k = 0; k < count; ++k) way[k] = joints_.q + joints_.dq_dP * (step + poses[k]);
-  }
-  return wall_guard_.clear(joints_.q, std::span(way).first(count), clearance);
-}
-
-// At rest, ahead of the reference before, as far as what is wanted leads there without the walls.
-Reference Loop::past_walls() noexcept {
-  Reference aside = realtime::at_rest(previous_);
-  if (wanted_.kind != previous_.kind || !is_finite(wanted_)) return aside;
-  if (aside.kind == ReferenceKind::kJoint) {
-    aside.joint.q += wall_guard_.past(wanted_.joint.q - previous_.joint.q);
-    return aside;
-  }
-  const Vector6 change = wall_guard_.past(change_between(previous_.cartesian, wanted_.cartesian), joints_.dq_dP);
-  aside.cartesian.position += change.head<3>();
-  aside.cartesian.orientation = exp(change.tail<3>()) * previous_.cartesian.orientation;
-  return aside;
+  if (Walls* const former = gate_.walls().change(door_.walls.take())) door_.former_walls.push(former);
 }
 
 void Loop::send_command() noexcept {
@@ -500,26 +399,7 @@ void Loop::send_command() noexcept {
     command_.motion_generation_finished = true;
     command_.torque_command_finished = wire_mode_ == robot::kTorque;
   } else {
-    copy(tau_J_d_, command_.tau_J_d);
-    switch (mode_.generator) {
-      case fci::MotionGeneratorMode::kJointPosition: copy(reference_.joint.q, command_.q_c); break;
-      // The velocity that leads to the reference in this cycle: what the robot integrates then stays on it.
-      case fci::MotionGeneratorMode::kJointVelocity:
-        copy((reference_.joint.q - previous_.joint.q) / kTick, command_.dq_c);
-        break;
-      case fci::MotionGeneratorMode::kCartesianPosition: {
-        const Eigen::Matrix3d R = reference_.cartesian.orientation.toRotationMatrix();
-        Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
-        T.topLeftCorner<3, 3>() = R;
-        T.topRightCorner<3, 1>() = reference_.cartesian.position;
-        Eigen::Matrix4d::Map(command_.O_T_EE_c.data()) = T;
-        break;
-      }
-      case fci::MotionGeneratorMode::kCartesianVelocity:
-        command_.O_dP_EE_c = twist_between(previous_.cartesian, reference_.cartesian, kTick);
-        break;
-      default: break;  // torque alone
-    }
+    robot_->write(gate_.before(), reference_, tau_J_d_, command_);
   }
   compute_ns_ = now_ns() - driver_.received_ns();
   driver_.send(command_);
@@ -529,7 +409,7 @@ void Loop::send_command() noexcept {
 // A skill ends when its reference rests.
 void Loop::terminate_skill() noexcept {
   if (phase_ == Phase::kRunning && !waits_for_start()) {
-    const Progress progress{*skill_->trajectory, trajectory_over_, reference_};
+    const Progress progress{*skill_->trajectory, trajectory_over_, slowed_, reference_};
     int termination = -1;
     for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
       const auto& numbers = skill_->numbers.terminations;
@@ -537,14 +417,14 @@ void Loop::terminate_skill() noexcept {
                                     [&] { return skill_->terminations[i]->step(cycle_, progress); });
       if (ends && termination < 0) termination = static_cast<int>(i);
     }
-    const bool over = skill_->terminations.empty() && trajectory_over_ && (limiter_.at_rest() || limiter_.stuck());
+    const bool over = skill_->terminations.empty() && ((trajectory_over_ && gate_.at_rest()) || gate_.stuck());
     if (watch_.at_fault()) {
       stop_running(Ending::kComponentFault);
     } else if (over || termination >= 0) {
       stop_running(Ending::kTerminated, termination);
     }
   }
-  if (phase_ == Phase::kBraking && skill_ != nullptr && limiter_.at_rest()) {
+  if (phase_ == Phase::kBraking && skill_ != nullptr && gate_.at_rest()) {
     end(skill_, ending_);
     hold();
   }
@@ -586,8 +466,11 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   result.termination = ending == Ending::kTerminated ? termination_ : -1;
   result.time = std::max(skill_time_, 0.0);
   result.stretch = skill->trajectory->stretch();
+  if (const double planned = skill->trajectory->duration(); planned > 0 && std::isfinite(planned)) {
+    result.stretch *= 1 + slowed_ / planned;
+  }
   result.limited_cycles = limited_cycles_;
-  if (walled_skill_) result.wall = wall_guard_.wall();
+  if (walled_skill_) result.wall = gate_.walls().wall();
   result.first_command_ns = first_command_ns_;
   result.last_cycle_ns = now_ns();
   if (ending == Ending::kComponentFault) result.fault = watch_.fault();
@@ -642,7 +525,7 @@ bool Loop::next_waits() const noexcept {
   if (next_->start_ns > driver_.received_ns()) return true;
   if (next_->after == 0 || skill_ == nullptr) return false;
   const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) &&
-                      skill_->trajectory->duration() - (skill_time_ - trajectory_start_) <= next_->blend;
+                      skill_->trajectory->duration() - path_.time() <= next_->blend;
   return !blends;
 }
 
@@ -660,9 +543,7 @@ void Loop::leave_motion() noexcept {
     phase_ = Phase::kBraking;
     set_deadline(kSettlingTime);
   }
-  const bool slow = !mode_.torque() || cycle_.dq.cwiseAbs().maxCoeff() < kSlow ||
-                    state_.message_id >= deadline_ + kSettlingTime;
-  if (!slow || !(limiter_.at_rest() || faulty_)) return;
+  if (!robot_->may_finish(cycle_) || !(gate_.at_rest() || faulty_)) return;
   phase_ = Phase::kFinishing;
   stop_sent_ = false;
   set_deadline(kAnswerTime);
@@ -677,15 +558,16 @@ void Loop::start_skill() noexcept {
   leaving_ = false;
   hold_until_ = std::numeric_limits<std::uint64_t>::max();
   limited_cycles_ = 0;
-  walled_ = walled_skill_ = false;
+  walled_skill_ = false;
   first_command_ns_ = 0;
-  trajectory_over_ = false;
+  trajectory_over_ = held_back_ = false;
   rejoin_.stop();
   cycle_.time = 0;
-  trajectory_start_ = 0;
+  path_.start(0);
+  slowed_ = 0;
   watch_.reset();
-  start_controller(!mode_.motion());
-  limiter_.reset(reference_);
+  start_controller(!robot_->has_reference());
+  gate_.reset(reference_);
   start_trajectory();
   start_terminations();
 }
@@ -694,7 +576,7 @@ void Loop::start_skill() noexcept {
 // fades away.
 void Loop::start_controller(bool move_reference) noexcept {
   fade_time_ = left_over_.duration();
-  if (!mode_.torque()) return;
+  if (!robot_->takes_torque()) return;
   Reference unmoved = followed();
   watch_.start(PartWatch::kController, skill_->numbers.controller,
                [&] { skill_->controller->start(cycle_, move_reference ? reference_ : unmoved); });
@@ -704,7 +586,7 @@ void Loop::start_controller(bool move_reference) noexcept {
   const Vector7 zero = Vector7::Zero();
   const Vector7 difference = cycle_.tau_J_d - tau;
   // An arm that its robot's reference is far away from is not flung there.
-  const double share = torque_limiter_.share(difference);
+  const double share = torque_gate_.share(difference);
   left_over_.set_duration(std::min(kFadeTime + kFadePerTorque * std::max(share - 1, 0.), kLongestFade));
   left_over_.start(difference, zero, zero, zero, 0);
   fade_time_ = 0;
@@ -727,7 +609,8 @@ void Loop::change_parts() noexcept {
     if (change->trajectory) {
       std::swap(skill_->trajectory, change->trajectory);
       skill_->numbers.trajectory = change->numbers.trajectory;
-      trajectory_start_ = skill_time_ + cycle_.dt - kTick;
+      path_.start(0);
+      slowed_ = 0;
       rejoin_.stop();
       start_trajectory();
     }
@@ -765,7 +648,7 @@ void Loop::step_controller(Vector7& tau) noexcept {
 
 // What the controller follows: the reference, or the joints that the robot moves along with a pose.
 const Reference& Loop::followed() noexcept {
-  if (!mode_.cartesian() || holder_->controller->accepts(ReferenceKind::kCartesian)) return reference_;
+  if (!robot_->makes_joints() || holder_->controller->accepts(ReferenceKind::kCartesian)) return reference_;
   joints_of_robot_.kind = ReferenceKind::kJoint;
   joints_of_robot_.joint = {vector(state_.q_d), vector(state_.dq_d), vector(state_.ddq_d)};
   return joints_of_robot_;
@@ -778,35 +661,33 @@ void Loop::take_over() noexcept {
     end(skill_, phase_ == Phase::kBraking ? ending_ : next_->after != 0 ? Ending::kTerminated : Ending::kPreempted);
   }
   if (!holder_->controller->tracks()) {
+    gate_.place(cycle_.q);
     reference_.kind = ReferenceKind::kJoint;
     reference_.joint = {cycle_.q, cycle_.dq, Vector7::Zero()};
   }
-  for (; mode_.motion() && ticks_ > 1; --ticks_) limiter_.coast(kTick, reference_);
+  robot_->pass(static_cast<int>(std::min<std::uint64_t>(ticks_, kLongestGap)), gate_.limiter(), reference_);
   change_kind(next_->trajectory->reference_kind());
   start_skill();
   ticks_ = 1;
   skill_time_ = kTick - cycle_.dt;
 }
 
-// Under torque control a reference may be replaced by one of the other kind.
+// Under torque control a reference may be replaced by one of the other kind: that of the same motion of the joints.
 void Loop::change_kind(ReferenceKind kind) noexcept {
   if (reference_.kind == kind) return;
   reference_.kind = kind;
-  const Matrix67& J = model_.jacobian();
   if (kind == ReferenceKind::kCartesian) {
-    const Eigen::Isometry3d T = model_.O_T_EE(reference_.joint.q);
+    model_.update(reference_.joint.q, reference_.joint.dq);
     CartesianReference& out = reference_.cartesian;
-    out.position = T.translation();
-    out.orientation = Eigen::Quaterniond(T.linear());
-    out.velocity = J * reference_.joint.dq;
-    out.acceleration = J * reference_.joint.ddq + model_.dJ_dq();
+    out.position = model_.O_T_EE().translation();
+    out.orientation = Eigen::Quaterniond(model_.O_T_EE().linear());
+    out.velocity = model_.jacobian() * reference_.joint.dq;
+    out.acceleration = model_.jacobian() * reference_.joint.ddq + model_.dJ_dq();
+    model_.update(cycle_.q, cycle_.dq);
+    gate_.place(reference_.joint.q);
   } else {
-    // The joints that give that velocity with the least motion; damped, for singular postures.
-    Eigen::Matrix<double, 6, 6> A = J * J.transpose();
-    A.diagonal().array() += 1e-4;
-    reference_.joint.q = cycle_.q;
-    reference_.joint.dq = J.transpose() * Cholesky<6>(A).solve(reference_.cartesian.velocity);
-    reference_.joint.ddq.setZero();
+    const JointsOfPose& joints = gate_.joints();
+    reference_.joint = {joints.q, joints.dq_dP * reference_.cartesian.velocity, Vector7::Zero()};
   }
 }
 
@@ -826,13 +707,7 @@ bool Loop::robot_matches() const noexcept {
 
 // Whether commands did not come to the robot, which made up for them: then the reference goes on from where it is.
 bool Loop::commands_were_lost() noexcept {
-  if (!sent_ || ticks_ != 1 || state_.control_command_success_rate >= 1) return false;
-  Reference robots;
-  robots.kind = reference_.kind;
-  robots.joint.q = vector(state_.q_d);
-  robots.cartesian.position = pose(state_.O_T_EE_c).translation();
-  robots.cartesian.orientation = Eigen::Quaterniond(pose(state_.O_T_EE_c).linear());
-  return limiter_.reconcile(robots, kTick, reference_);
+  return sent_ && ticks_ == 1 && robot_->reconcile(state_, gate_.limiter(), reference_);
 }
 
 bool Loop::in_motion() const noexcept {
@@ -853,8 +728,10 @@ void Loop::start_motion() noexcept {
   phase_ = Phase::kStarting;
   set_deadline(kAnswerTime);
   mode_ = next_->mode;
+  robot_ = &robot_controller(mode_);
   wire_mode_ = robot::on_wire(mode_, driver_.version());
   move_id_.reset();
+  move_again_ = 0;
   motion_answer_.reset();
 }
 
@@ -865,26 +742,11 @@ void Loop::begin_motion() noexcept {
   cycle_.tau_J_d.setZero();
   faulty_ = false;
   ticks_ = 1;
-  reference_ = reference_at_start();
+  gate_.place(cycle_.q);
+  reference_ = robot_->start(cycle_, next_->trajectory->reference_kind(), model_);
   start_skill();
   skill_time_ = -cycle_.dt;  // its time begins with this command
-}
-
-Reference Loop::reference_at_start() const noexcept {
-  Reference reference;
-  reference.kind = next_->trajectory->reference_kind();
-  if (reference.kind == ReferenceKind::kJoint) {
-    reference.joint.q = mode_.motion() ? vector(state_.q_d) : cycle_.q;
-    return reference;
-  }
-  Eigen::Isometry3d T = cycle_.O_T_EE;
-  if (mode_.motion() && is_pose(state_.O_T_EE_c)) {
-    const Eigen::Isometry3d commanded = pose(state_.O_T_EE_c);
-    if ((commanded.translation() - T.translation()).norm() < kMaxPoseError) T = commanded;
-  }
-  reference.cartesian.position = T.translation();
-  reference.cartesian.orientation = Eigen::Quaterniond(T.linear()).normalized();
-  return reference;
+  path_.start(-kTick);
 }
 
 void Loop::end_motion(Phase phase) noexcept {

@@ -4,13 +4,14 @@
 
 #include "models/arm.hpp"
 #include "realtime/door.hpp"
-#include "realtime/joint_barrier.hpp"
-#include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
+#include "realtime/motion_gate.hpp"
 #include "realtime/part_watch.hpp"
+#include "realtime/path_clock.hpp"
 #include "realtime/rejoin.hpp"
+#include "realtime/robot_controllers/robot_controller.hpp"
+#include "realtime/torque_gate.hpp"
 #include "realtime/trajectories/min_jerk.hpp"
-#include "realtime/walls/wall_guard.hpp"
 #include "robot/driver.hpp"
 
 namespace realtime {
@@ -50,6 +51,7 @@ class Loop {
   void change_skill() noexcept;
   void prepare_motion() noexcept;
   void generate_reference() noexcept;
+  void pace_path() noexcept;
   void compute_torque() noexcept;
   void send_command() noexcept;
   void terminate_skill() noexcept;
@@ -70,10 +72,6 @@ class Loop {
   void change_parts() noexcept;
   bool waits_for_start() const noexcept;
   const Reference& followed() noexcept;
-  void follow_wanted() noexcept;
-  void map_to_joints() noexcept;
-  bool way_to_rest_is_clear(double clearance) noexcept;
-  Reference past_walls() noexcept;
   void take_over() noexcept;
   void change_kind(ReferenceKind kind) noexcept;
   bool fits_motion(const Skill& skill) const noexcept;
@@ -95,7 +93,6 @@ class Loop {
   bool in_motion() const noexcept;
   bool commands_were_lost() noexcept;
   void update_tool() noexcept;
-  Reference reference_at_start() const noexcept;
   void set_deadline(std::uint64_t milliseconds) noexcept { deadline_ = state_.message_id + milliseconds; }
   bool overdue() const noexcept { return state_.message_id >= deadline_; }
 
@@ -103,10 +100,8 @@ class Loop {
   Model& model_;
   const Options options_;
   Door& door_;
-  Limiter limiter_;
-  TorqueLimiter torque_limiter_;
-  JointBarrier joint_barrier_;
-  WallGuard wall_guard_;
+  MotionGate gate_;
+  TorqueGate torque_gate_;
 
   Phase phase_ = Phase::kConnecting;
   std::uint64_t deadline_ = 0;  // message_id at which waiting for the robot ends
@@ -131,7 +126,9 @@ class Loop {
   Ending ending_ = Ending::kTerminated;  // of skill_, once it is at rest
   int termination_ = -1;
   double skill_time_ = 0;    // s
-  double trajectory_start_ = 0;  // skill time at which its trajectory began, s
+  PathClock path_;         // of its trajectory
+  double slowed_ = 0;      // s that limits have made it longer
+  bool held_back_ = false;  // by limits, in the step before
   bool trajectory_over_ = false;
   bool faulty_ = false;      // the holder's controller is at fault, and no longer asked
   std::uint64_t unfinished_ = 0;  // id of the last skill that did not end by itself
@@ -142,14 +139,12 @@ class Loop {
 
   // What is commanded.
   robot::Mode mode_, wire_mode_;  // of the motion; as the robot names it
+  const RobotController* robot_ = &robot_controller(robot::kTorque);
   Reference wanted_, reference_;  // before and after the limits
-  Reference previous_;            // reference_ one tick before
   Reference joints_of_robot_;     // that it moves along with a pose
   bool coasted_ = false;          // in this cycle the robot went on by itself
   Rejoin rejoin_;                 // after that
   bool limited_ = false;
-  JointsOfPose joints_;   // of a pose that the robot follows; where there are walls, of any reference before
-  bool walled_ = false;   // a wall held the reference back in the cycle before
   bool walled_skill_ = false;  // or held something of the running skill
   Vector7 tau_J_d_ = Vector7::Zero();
   MinJerk<7> left_over_;   // torque by which the controller would have stepped when it began, on its way to zero
@@ -170,6 +165,7 @@ class Loop {
   robot::Settings in_force_;  // as far as known
   bool configured_ = false;   // options_.settings were sent once, so that reads are right before any motion
   std::optional<std::uint32_t> move_id_, recovery_id_;
+  std::uint64_t move_again_ = 0;  // message_id before which it is not asked for again
   bool recovery_accepted_ = false;
   bool stop_sent_ = false;
   std::optional<fci::Status> motion_answer_;  // the end of the motion, before the states show it

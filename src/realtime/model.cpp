@@ -214,20 +214,29 @@ JointsOfPose Model::joints_of_pose(const Vector7& q) noexcept {
   Impl& m = *impl_;
   m.q_kinematics = q;
   pinocchio::computeJointJacobians(m.model, m.kinematics, In(m.q_kinematics));
-  const Vector3 p = m.end_effector(m.kinematics.oMi[kJoints]).translation();
+  const Eigen::Isometry3d O_T_EE = m.end_effector(m.kinematics.oMi[kJoints]);
+  const Vector3 p = O_T_EE.translation();
   Eigen::Matrix<double, 6, 6> J;
+  Vector6 elbow;
   for (int i = 0, column = 0; i < kJoints; ++i) {
-    if (i == kElbow) continue;
     const Vector3 angular = m.kinematics.J.col(i).tail<3>();
-    J.col(column++) << Vector3(m.kinematics.J.col(i).head<3>()) + angular.cross(p), angular;
+    Vector6 twist;
+    twist << Vector3(m.kinematics.J.col(i).head<3>()) + angular.cross(p), angular;
+    if (i == kElbow) {
+      elbow = twist;
+    } else {
+      J.col(column++) = twist;
+    }
   }
   Eigen::Matrix<double, 6, 6> normal = J.transpose() * J;
   normal.diagonal().array() += kDamping * kDamping;
   const Eigen::Matrix<double, 6, 6> inverse = Cholesky<6>(normal).solve<6>(J.transpose());
   JointsOfPose out;
   out.q = q;
+  out.O_T_EE = O_T_EE;
   out.dq_dP.topRows<kElbow>() = inverse.topRows<kElbow>();
   out.dq_dP.bottomRows<kJoints - 1 - kElbow>() = inverse.bottomRows<kJoints - 1 - kElbow>();
+  out.null_motion = Vector7::Unit(kElbow) - out.dq_dP * elbow;
   return out;
 }
 

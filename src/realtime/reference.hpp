@@ -31,6 +31,8 @@ struct CartesianReference {
 struct JointsOfPose {
   Vector7 q = Vector7::Zero();              // rad
   Matrix76 dq_dP = Matrix76::Zero();  // dq = dq_dP O_dP_EE
+  Eigen::Isometry3d O_T_EE = Eigen::Isometry3d::Identity();  // at q
+  Vector7 null_motion = Vector7::Zero();  // that leaves EE at rest while the elbow moves by 1
 };
 
 // What a trajectory may ask for beside its motion.
@@ -48,6 +50,17 @@ struct Reference {
   Vector6 wrench = Vector6::Zero();  // that EE exerts on what it touches, at EE in the axes of O; N, N m
   Vector7 torque = Vector7::Zero();  // of the joints, beside gravity; N m
 };
+
+inline bool is_finite(const Reference& reference) {
+  if (!reference.wrench.allFinite() || !reference.torque.allFinite()) return false;
+  if (reference.kind == ReferenceKind::kJoint) {
+    const JointReference& joint = reference.joint;
+    return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
+  }
+  const CartesianReference& pose = reference.cartesian;
+  return pose.position.allFinite() && pose.orientation.coeffs().allFinite() && pose.velocity.allFinite() &&
+         pose.acceleration.allFinite();
+}
 
 // The same place, without velocity, acceleration and effort.
 inline Reference at_rest(Reference reference) {

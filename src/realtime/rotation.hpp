@@ -72,4 +72,11 @@ inline RotationVectorRates rotation_vector_rates(const Vector3& r, const Vector3
   return {dr, invert(acceleration - rotation_rates(r, dr, Vector3::Zero()).acceleration)};
 }
 
+// What leads from one pose to the other: m, and a rotation vector; axes of O.
+inline Vector6 change_between(const CartesianReference& from, const CartesianReference& to) {
+  Vector6 change;
+  change << to.position - from.position, log(to.orientation * from.orientation.conjugate());
+  return change;
+}
+
 }  // namespace realtime

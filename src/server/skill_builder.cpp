@@ -9,6 +9,8 @@
 #include <numbers>
 #include <vector>
 
+#include "realtime/pose_joints.hpp"
+#include "realtime/rotation.hpp"
 #include "realtime/tool.hpp"
 #include "realtime/trajectories/slowed.hpp"
 #include "server/part_record.hpp"
@@ -29,8 +31,9 @@ constexpr std::size_t kMaxDescription = 1024;  // bytes
 constexpr int kMostTerminations = 16;
 constexpr int kPathSamples = 8;
 constexpr int kSpeedSamples = 200;
-constexpr int kWallSamples = 100;         // of a way of joints
-constexpr int kWallSamplesBetween = 12;  // any two of the kPathSamples of a way of poses
+constexpr int kWallSamples = 100;         // of a way of joints, or poses
+constexpr int kSteps = 3;                // of inverse kinematics from one of them to the next, of a way of poses
+constexpr double kMissed = 5e-3;         // m, rad
 constexpr double kToolSpeedShare = 0.95;  // the rest is for what the arm does beside its reference
 constexpr double kFarStart = 60, kLateStart = 1;  // s
 // Where a limit is the goal: rounding on the way to it is no violation.
@@ -291,16 +294,40 @@ void SkillBuilder::check_cartesian_path(realtime::TrajectoryGenerator& trajector
   Reference reference;
   // The goal first: it is what people ask for, and what to name when it is the goal that is wrong.
   check(kPathSamples, pose_of(trajectory.goal()), q);
-  std::vector<Vector7> way = {q};
-  const int last = walled() ? kPathSamples : kPathSamples - 1;  // where there are walls, with the joints that lead to the goal
-  for (int sample = 1; sample <= last; ++sample) {
+  Vector7 reached = q;
+  for (int sample = 1; sample < kPathSamples; ++sample) {
     trajectory.step(duration * sample / kPathSamples, reference);
-    if (sample == kPathSamples) reference = trajectory.goal();
-    const Vector7 next = check(sample, pose_of(reference), q);
-    for (int k = 1; k <= kWallSamplesBetween; ++k) way.push_back(q + (next - q) * k / kWallSamplesBetween);
-    q = next;
+    reached = check(sample, pose_of(reference), reached);
+  }
+  if (!(duration > 0 && std::isfinite(duration))) return;
+  // Every pose of it is reached by some joints; now those with which the arm goes from one to the next.
+  std::vector<Vector7> way = {q};
+  realtime::PoseJoints joints(*model_, limits_);
+  joints.place(q);
+  for (int sample = 1; sample <= kWallSamples; ++sample) {
+    trajectory.step(duration * sample / kWallSamples, reference);
+    if (sample == kWallSamples) reference = trajectory.goal();
+    for (int step = 0; step < kSteps; ++step) joints.step(reference.cartesian, duration / (kWallSamples * kSteps));
+    way.push_back(joints.joints().q);
+    check_joints_of_pose(way.back(), reference, kind, 100. * sample / kWallSamples);
   }
   if (walled()) check_walls(*walls_, *wall_names_, way, kind);
+}
+
+// Joints with which the arm would come to a pose on its path, `percent` of the way on.
+void SkillBuilder::check_joints_of_pose(const Vector7& q, const Reference& pose, const std::string& kind, double percent) const {
+  const std::string remedy = "go there by joints (goto_joints), or begin from a posture farther from it";
+  for (int i = 0; i < models::kJoints; ++i) {
+    if (q[i] >= limits_.q_min[i] && q[i] <= limits_.q_max[i]) continue;
+    refuse(fmt::format("{}: {:.0f} % on, its path would lead joint {} to {:.4f} rad: expected {} to {} rad, the limits of this "
+                       "arm; {}",
+                       kind, percent, i + 1, q[i], limits_.q_min[i], limits_.q_max[i], remedy));
+  }
+  const realtime::Vector6 left = realtime::change_between(realtime::at(model_->O_T_EE(q)), pose.cartesian);
+  if (left.head<3>().norm() > kMissed || left.tail<3>().norm() > kMissed) {
+    refuse(fmt::format("{}: {:.0f} % on, its path leads through a singular posture of the arm, [{:.4f}] rad; {}", kind, percent,
+                       fmt::join(q, ", "), remedy));
+  }
 }
 
 void SkillBuilder::keep_from(std::unique_ptr<const realtime::Walls> walls, const WallStore& names) {

@@ -39,6 +39,9 @@ class SkillBuilder {
   // `q`: joints at its start, rad.
   void check_cartesian_path(realtime::TrajectoryGenerator& trajectory, const std::string& kind, realtime::Vector7 q);
 
+  void check_joints_of_pose(const realtime::Vector7& q, const realtime::Reference& pose, const std::string& kind,
+                            double percent) const;
+
   bool walled() const { return walls_ && !walls_->walls.empty(); }
 
   std::unique_ptr<const realtime::Walls> walls_;

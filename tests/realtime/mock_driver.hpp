@@ -43,6 +43,8 @@ class MockRobot : public robot::Driver {
   robot::Received connection = robot::Received::kState;
   std::array<int, 8> ticks = {1, 1, 1, 1, 1, 1, 1, 1};  // ms of the next states, in turn
   int lose = 0;  // of the next commands
+  bool locked = false;             // something holds the arm, whatever the torque
+  std::optional<Eigen::Matrix4d> stale_pose;  // O_T_EE_c while no motion runs, and in its first state
 
   // From the next state on: a reflex with that error.
   void reflex(fci::Error error) {
@@ -62,6 +64,7 @@ class MockRobot : public robot::Driver {
   int gap = 0;                 // states without a command before the last commanded one
   int uncommanded = 0;         // states of a motion that were not answered
   int commands = 0;
+  double fastest = 0;          // rad/s of a joint under torque alone
   bool finished_while_moving = false;
   bool moved_in_motion = false;     // a request came that the robot takes only at rest
   bool command_in_idle = false;
@@ -112,7 +115,7 @@ class MockRobot : public robot::Driver {
       return;
     }
     command = sent;
-    commanded_ = true;
+    commanded_ = commanded_once_ = true;
     ++commands;
     gap = silence_;
     silence_ = 0;
@@ -283,6 +286,8 @@ class MockRobot : public robot::Driver {
       realtime::Matrix7 M = model_.mass();
       M.diagonal().array() += kRotors;
       dq_ += kDt * M.llt().solve(tau_ - model_.coriolis());
+      if (locked) dq_.setZero();
+      fastest = std::max(fastest, dq_.cwiseAbs().maxCoeff());
       q_ += kDt * dq_;
       q_d_ = q_;
       show_pose();
@@ -317,7 +322,7 @@ class MockRobot : public robot::Driver {
     T.topLeftCorner<3, 3>() = orientation_.toRotationMatrix();
     T.topRightCorner<3, 1>() = position_;
     Eigen::Matrix4d::Map(state.O_T_EE.data()) = T;
-    Eigen::Matrix4d::Map(state.O_T_EE_c.data()) = T;
+    Eigen::Matrix4d::Map(state.O_T_EE_c.data()) = stale_pose && !commanded_once_ ? *stale_pose : T;
     Eigen::Matrix4d::Map(state.O_T_EE_d.data()) = T;
     state.motion_generator_mode = in_motion_ ? moved.generator : fci::MotionGeneratorMode::kIdle;
     state.controller_mode = in_motion_ ? moved.controller : fci::ControllerMode::kJointImpedance;
@@ -341,7 +346,7 @@ class MockRobot : public robot::Driver {
   std::uint32_t last_id_ = 100, move_id_ = 0;
   std::size_t next_tick_ = 0;
   int start_in_ = -1, recover_in_ = -1, silence_ = 0;
-  bool in_motion_ = false, commanded_ = false, ending_ = false;
+  bool in_motion_ = false, commanded_ = false, commanded_once_ = false, ending_ = false;
   std::optional<fci::RobotMode> fail_to_;
   fci::Error error_{};
 

@@ -19,10 +19,11 @@ class SimulatedArm {
   explicit SimulatedArm(const std::string& name, const realtime::Vector7& motor_inertia = realtime::Vector7::Zero())
       : plant_(models::urdf(models::arm(name), 10)),
         model(models::urdf(models::arm(name), 10)),
-        cycle{state, model, 0, kDt, {}, {}, {}, {}},
+        cycle{state, model, 0, kDt, {}, {}, {}, {}, {}},
         motor_inertia_(motor_inertia) {
     set_tool(0.73, realtime::Vector3(-0.01, 0, 0.03));
     q = realtime::Vector7::Map(models::kHome.data());
+    cycle.q_ref = q;
     observe();
   }
 

@@ -1030,6 +1030,96 @@ TEST_F(LoopTest, TakesNoSkillWhoseResultWouldFindNoRoom) {
   ASSERT_TRUE(until([&] { return in_work == 0; }, 10000));
 }
 
+TEST_F(LoopTest, AMotionThatIsNotYetPossibleIsAskedForAgain) {
+  robot.refused = fci::Command::kMove;
+  robot.refusal = fci::Status::kNotPossible;
+  give_internal();
+  ASSERT_TRUE(until([&] { return posted(fci::Command::kMove) == 3; }, 200));
+  EXPECT_EQ(results_seen, 0u);
+  robot.refused.reset();
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+
+  ASSERT_TRUE(until(Phase::kIdle));
+  robot.refused = fci::Command::kMove;
+  give_internal();
+  ASSERT_TRUE(until_result(1500)) << "and within a second the skill is over";
+  EXPECT_EQ(results[1].ending, Ending::kRefused);
+  EXPECT_EQ(results[1].status, fci::Status::kNotPossible);
+}
+
+TEST_F(LoopTest, APoseThatIsLeftFromAFormerMotionIsNotBelieved) {
+  Eigen::Isometry3d T = model.O_T_EE(robot.q());
+  T.rotate(Eigen::AngleAxisd(0.05, Vector3::UnitY()));
+  robot.stale_pose = T.matrix();
+  give(to_pose({0, 0, 0.05}, 0.5), std::make_unique<Internal>());
+  ASSERT_TRUE(until_result());  // and the robot judges what it was sent
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, AMotionIsNotFinishedWhileTheArmStillMoves) {
+  // Torques that keep the arm swinging, with a reference at rest.
+  struct Swinging : JointImpedance {
+    using JointImpedance::JointImpedance;
+    bool tracks() const noexcept override { return true; }
+    void step(const Cycle& cycle, const Reference& reference, Vector7& tau) noexcept override {
+      JointImpedance::step(cycle, reference, tau);
+      tau[0] += 8 * std::sin(20 * cycle.time);
+    }
+  };
+  give(by(0.05, 0.3), std::make_unique<Swinging>(gains(0.2)));
+  ASSERT_TRUE(until_result());
+  give_internal();  // another mode: the motion has to be finished
+  ASSERT_TRUE(until([&] { return results_seen == 2; }, 10000));
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+  EXPECT_FALSE(robot.finished_while_moving);
+}
+
+TEST_F(LoopTest, AnArmThatIsHeldIsWaitedForAndDoesNotLeap) {
+  for (const bool pose : {false, true}) {
+    SCOPED_TRACE(pose);
+    const Vector7 q = robot.q();
+    if (pose) {
+      give(to_pose({0.1, 0.3, -0.1}, 2), std::make_unique<PoseSpring>());
+    } else {
+      give(by(0.8, 2), std::make_unique<JointImpedance>(gains()));
+    }
+    ASSERT_TRUE(until(Phase::kRunning));
+    cycles(100);
+    robot.locked = true;
+    cycles(3000);
+    EXPECT_EQ(last.phase, Phase::kRunning) << "the path waits";
+    robot.locked = false;
+    robot.fastest = 0;
+    cycles(200);
+    EXPECT_LT(robot.fastest, 0.3);
+    ASSERT_TRUE(until_result());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    cycles(1500);
+    if (!pose) {
+      EXPECT_NEAR((robot.q() - q - Vector7::Constant(0.8)).norm(), 0, 0.01);
+    }
+    give_internal(-0.8, 3);
+    ASSERT_TRUE(until_result());
+  }
+  judge = false;  // the mock's torque rate in float32
+}
+
+TEST_F(LoopTest, PosesKeepTheJointsInsideTheirLimitsUnderTorqueToo) {
+  // Past the base at arm's length and back, faster than the joints could.
+  give(to_pose({-0.25, -0.45, 0.1}, 0.3), std::make_unique<PoseSpring>());
+  ASSERT_TRUE(until(Phase::kRunning));
+  Vector7 last_q = robot.q();
+  double worst = 0;
+  while (results_seen == 0 && cycle()) {
+    const Vector7 speed = (robot.q() - last_q) / 1e-3;
+    last_q = robot.q();
+    for (int i = 0; i < 7; ++i) worst = std::max(worst, std::abs(speed[i]) / robot.limits.dq_max[i]);
+  }
+  EXPECT_LT(worst, 1);
+  judge = false;
+}
+
 class OldRobot : public LoopTest {
  protected:
   OldRobot() : LoopTest(5) {}

@@ -27,6 +27,7 @@ constexpr double kLeastNullspaceDamping = 1;
 constexpr double kMaxShift = 0.1;
 constexpr double kMaxTurn = 0.5;
 constexpr double kMaxPostureShift = 0.5;
+constexpr double kPostureFade = 0.999;  // a cycle, of what the posture is shifted by
 
 constexpr std::size_t kFirst = 2;  // of the stiffness in its message
 
@@ -174,10 +175,10 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
       (exp(e.tail<3>() + shortened(shift.tail<3>(), kMaxTurn)) * Eigen::Quaterniond(cycle.O_T_EE.linear()))
           .normalized();
 
-  posture_ = cycle.q;
+  posture_shift_ = cycle.q - cycle.q_ref;
   if (nullspace_stiffness_ > 0) {
     const double pull = arm.n.dot(tau) + nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
-    posture_ += std::clamp(pull / nullspace_stiffness_, -kMaxPostureShift, kMaxPostureShift) * arm.n;
+    posture_shift_ += std::clamp(pull / nullspace_stiffness_, -kMaxPostureShift, kMaxPostureShift) * arm.n;
   }
 }
 
@@ -186,10 +187,11 @@ void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Ve
   Dynamics arm(cycle);
   null_column_ = arm.find_null_motion(cycle, null_column_);
   if (++modes_age_ >= kModesAge) find_modes(cycle, arm);
+  posture_shift_ *= kPostureFade;
   const CartesianReference& pose = reference.cartesian;
   const Vector6 spring = in_base(cycle, stiffness_.now().cwiseProduct(in_frame(cycle, to_reference(cycle, pose))));
   const Vector6 force = spring + other_force(cycle, arm, pose);
-  const double pull = nullspace_stiffness_ * arm.n.dot(posture_ - cycle.q) -
+  const double pull = nullspace_stiffness_ * arm.n.dot(cycle.q_ref + posture_shift_ - cycle.q) -
                       nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
   tau_J_d.noalias() = cycle.model.jacobian().transpose() * force;
   tau_J_d += cycle.model.coriolis() + pull / arm.n_M_n * arm.M_n;

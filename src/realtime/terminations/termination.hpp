@@ -11,6 +11,7 @@ namespace realtime {
 struct Progress {
   const TrajectoryGenerator& trajectory;
   bool trajectory_over = false;
+  double slowed = 0;           // s that the arm's limits have made its trajectory longer
   const Reference& reference;  // commanded in this cycle, after the limits
 };
 

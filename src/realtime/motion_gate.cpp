@@ -1,0 +1,123 @@
+#include "realtime/motion_gate.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+
+#include "realtime/rotation.hpp"
+
+namespace realtime {
+namespace {
+
+constexpr double kBeside = 2e-3;  // rad, m
+
+// rad that a joint is away from its reference: from where on, and where a path waits for it. Soft controllers lag and are loaded.
+constexpr double kLagging = 0.15, kHeld = 0.3;
+constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
+
+// So near to each other that an arm which a wall holds up does not stir for it.
+bool beside(const Reference& a, const Reference& b) {
+  if (a.kind == ReferenceKind::kJoint) return (a.joint.q - b.joint.q).norm() < kBeside;
+  return (a.cartesian.position - b.cartesian.position).norm() < kBeside &&
+         a.cartesian.orientation.angularDistance(b.cartesian.orientation) < kBeside;
+}
+
+}  // namespace
+
+void MotionGate::reset(const Reference& from) noexcept {
+  before_ = from;
+  walled_ = walled_since_ = false;
+  limiter_.reset(from);
+}
+
+void MotionGate::observe(const Reference& reference, const Vector7* q_d) noexcept {
+  if (reference.kind == ReferenceKind::kJoint) {
+    joints_.q = reference.joint.q;
+  } else if (q_d != nullptr) {
+    joints_ = model_.joints_of_pose(*q_d);
+  } else {
+    pose_joints_.place(joints_.q);
+    pose_joints_.step(reference.cartesian, kTick);
+    joints_ = pose_joints_.joints();
+  }
+  if (reference.kind == ReferenceKind::kCartesian) {
+    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)));
+  }
+}
+
+Vector7 MotionGate::joint_velocity() const noexcept {
+  const Reference& now = limiter_.last();
+  return now.kind == ReferenceKind::kJoint ? now.joint.dq : Vector7(joints_.dq_dP * now.cartesian.velocity);
+}
+
+double MotionGate::lag_of(const Cycle& cycle) const noexcept {
+  const Reference& now = limiter_.last();
+  double away = 0;  // rad
+  if (now.kind == ReferenceKind::kJoint) {
+    away = (now.joint.q - cycle.q).cwiseAbs().maxCoeff();
+  } else {
+    const Vector6 way = change_between(at(cycle.O_T_EE), now.cartesian);
+    away = std::max(way.head<3>().norm() / kReach, way.tail<3>().norm());
+  }
+  return std::clamp((away - kLagging) / (kHeld - kLagging), 0., 1.);
+}
+
+// Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does
+// not do either, the way to rest, which was clear the last time.
+bool MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
+  before_ = reference;
+  bool held = limiter_.follow(wanted, kTick, reference);
+  if (!walls_.active()) return held;
+  const bool clear = way_to_rest_is_clear(reference, WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
+  if (!clear) {
+    const Reference aside = past_walls(wanted);
+    limiter_.take_back();
+    bool along = !beside(aside, before_);
+    if (along) {
+      limiter_.follow(aside, kTick, reference);
+      along = way_to_rest_is_clear(reference, WallGuard::kClearance);
+      if (!along) limiter_.take_back();
+    }
+    if (!along) limiter_.brake(kTick, reference);
+    held = walled_since_ = true;
+  }
+  walled_ = !clear;
+  return held;
+}
+
+bool MotionGate::brake(Reference& reference) noexcept {
+  before_ = reference;
+  return limiter_.brake(kTick, reference);
+}
+
+bool MotionGate::way_to_rest_is_clear(const Reference& reference, double clearance) noexcept {
+  std::array<Vector7, WallGuard::kMostOnWay> way;
+  std::size_t count = 0;
+  if (reference.kind == ReferenceKind::kJoint) {
+    joints_.q = before_.joint.q;
+    count = limiter_.way_to_rest(std::span(way));
+  } else {
+    std::array<Vector6, WallGuard::kMostOnWay> poses;
+    count = limiter_.way_to_rest(std::span(poses));
+    const Vector6 step = change_between(before_.cartesian, reference.cartesian);
+    for (std::size_t k = 0; k < count; ++k) way[k] = joints_.q + joints_.dq_dP * (step + poses[k]);
+  }
+  return walls_.clear(joints_.q, std::span(way).first(count), clearance);
+}
+
+// At rest, ahead of the reference before, as far as what is wanted leads there without the walls.
+Reference MotionGate::past_walls(const Reference& wanted) const noexcept {
+  Reference aside = realtime::at_rest(before_);
+  if (wanted.kind != before_.kind || !is_finite(wanted)) return aside;
+  if (aside.kind == ReferenceKind::kJoint) {
+    aside.joint.q += walls_.past(wanted.joint.q - before_.joint.q);
+    return aside;
+  }
+  const Vector6 change = walls_.past(change_between(before_.cartesian, wanted.cartesian), joints_.dq_dP);
+  aside.cartesian.position += change.head<3>();
+  aside.cartesian.orientation = exp(change.tail<3>()) * before_.cartesian.orientation;
+  return aside;
+}
+
+}  // namespace realtime

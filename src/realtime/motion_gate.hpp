@@ -1,0 +1,64 @@
+#pragma once
+
+#include "models/arm.hpp"
+#include "realtime/cycle.hpp"
+#include "realtime/limiter.hpp"
+#include "realtime/model.hpp"
+#include "realtime/pose_joints.hpp"
+#include "realtime/walls/wall_guard.hpp"
+
+namespace realtime {
+
+// Where every reference goes through before it is sent, whatever robot controller runs: it judges the motion of the joints that
+// the reference means. Those of a pose are the robot's own where it makes them (q_d); else they follow the pose here, by
+// differential inverse kinematics from where the arm was, and are also what the null space of a controller is held to.
+// A reference is kept inside the limits of the arm, and where there are walls on a way from which the arm can come to rest
+// before them.
+class MotionGate {
+ public:
+  MotionGate(const models::Limits& limits, Model& model) : model_(model), limiter_(limits), pose_joints_(model, limits) {}
+
+  // Continues from here. A pose that does not go on from what was commanded before has its joints where the arm is, q (rad).
+  void reset(const Reference& from) noexcept;
+  void place(const Vector7& q) noexcept { joints_.q = q; }
+
+  // Once in each cycle, before its steps: where the joints of the reference are. `q_d`: those that the robot makes of a pose, or
+  // null where they are to follow it here.
+  void observe(const Reference& reference, const Vector7* q_d) noexcept;
+
+  // The reference one tick on, for what is wanted, and on the way to rest. True if something was held back; at rest.
+  bool follow(const Reference& wanted, Reference& reference) noexcept;
+  bool brake(Reference& reference) noexcept;
+
+  // The reference before the last step.
+  const Reference& before() const noexcept { return before_; }
+  // About where the joints are with it.
+  const JointsOfPose& joints() const noexcept { return joints_; }
+  Vector7 joint_velocity() const noexcept;  // rad/s
+  // How far the arm is behind it, from where something must be holding it (0) to where a path waits (1).
+  double lag_of(const Cycle& cycle) const noexcept;
+  bool at_rest() const noexcept { return limiter_.at_rest(); }
+  bool stuck() const noexcept { return limiter_.stuck(); }
+
+  // A wall has held something back since reset().
+  bool walled() const noexcept { return walled_since_; }
+
+  Limiter& limiter() noexcept { return limiter_; }
+  WallGuard& walls() noexcept { return walls_; }
+
+ private:
+  static constexpr double kTick = 0.001;  // s, a cycle of the robot
+
+  bool way_to_rest_is_clear(const Reference& reference, double clearance) noexcept;
+  Reference past_walls(const Reference& wanted) const noexcept;
+
+  Model& model_;
+  Limiter limiter_;
+  WallGuard walls_;
+  PoseJoints pose_joints_;
+  JointsOfPose joints_;
+  Reference before_;
+  bool walled_ = false, walled_since_ = false;  // in the step before
+};
+
+}  // namespace realtime

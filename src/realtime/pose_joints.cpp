@@ -1,0 +1,42 @@
+#include "realtime/pose_joints.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "realtime/rotation.hpp"
+
+namespace realtime {
+namespace {
+
+// Of the way from the middle of its range to its end, from where on a joint moves the elbow, and at most so fast.
+constexpr double kNearEnd = 0.7;
+constexpr double kElbowSpeed = 0.2;  // rad/s
+constexpr double kElbowGain = 2;     // rad/s
+
+}  // namespace
+
+CartesianReference at(const Eigen::Isometry3d& O_T_EE) noexcept {
+  CartesianReference out;
+  out.position = O_T_EE.translation();
+  out.orientation = Eigen::Quaterniond(O_T_EE.linear());
+  return out;
+}
+
+void PoseJoints::step(const CartesianReference& pose, double dt) noexcept {
+  joints_ = model_.joints_of_pose(joints_.q);
+  joints_.q += joints_.dq_dP * change_between(at(joints_.O_T_EE), pose);
+  joints_.q += dt * elbow_speed() * joints_.null_motion;
+}
+
+double PoseJoints::elbow_speed() const noexcept {
+  double push = 0;
+  for (int i = 0; i < models::kJoints; ++i) {
+    const double half = (limits_.q_max[i] - limits_.q_min[i]) / 2;
+    const double x = (joints_.q[i] - limits_.q_min[i]) / half - 1;
+    const double near = std::clamp((std::abs(x) - kNearEnd) / (1 - kNearEnd), 0., 1.);
+    push -= std::copysign(near * near, x) * joints_.null_motion[i] / half;
+  }
+  return std::clamp(kElbowGain * push, -kElbowSpeed, kElbowSpeed);
+}
+
+}  // namespace realtime

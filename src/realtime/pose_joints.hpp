@@ -1,0 +1,34 @@
+#pragma once
+
+#include "models/arm.hpp"
+#include "realtime/model.hpp"
+
+namespace realtime {
+
+// The joints with which an arm follows a pose, where they are ours to choose: differential inverse kinematics, closed over the
+// forward kinematics so that nothing drifts. The elbow (joint 3) stays where it is, but gives way where a joint comes near to the
+// end of its range.
+class PoseJoints {
+ public:
+  PoseJoints(Model& model, const models::Limits& limits) : model_(model), limits_(limits) {}
+
+  void place(const Vector7& q) noexcept { joints_.q = q; }
+
+  // One step towards the pose, in dt seconds of the elbow's time. Damped next to singularities, where the pose is then not met.
+  void step(const CartesianReference& pose, double dt) noexcept;
+
+  // Where they are, with the map that led there.
+  const JointsOfPose& joints() const noexcept { return joints_; }
+
+ private:
+  double elbow_speed() const noexcept;
+
+  Model& model_;
+  const models::Limits limits_;
+  JointsOfPose joints_;
+};
+
+// A frame as a reference at rest.
+CartesianReference at(const Eigen::Isometry3d& O_T_EE) noexcept;
+
+}  // namespace realtime

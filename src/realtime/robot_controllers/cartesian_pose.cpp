@@ -1,0 +1,38 @@
+#include "realtime/robot_controllers/cartesian_pose.hpp"
+
+#include "realtime/tool.hpp"
+
+namespace realtime::robot_controllers {
+namespace {
+
+// What the server's model of the arm may differ by from the robot's own.
+constexpr double kSamePosition = 2e-3;  // m
+constexpr double kSameAngle = 0.01;     // rad
+
+}  // namespace
+
+Reference CartesianPose::start(const Cycle& cycle, ReferenceKind, Model& model) const noexcept {
+  Eigen::Isometry3d T = model.O_T_EE(Vector7::Map(cycle.state.q_d.data()));
+  if (is_pose(cycle.state.O_T_EE_c)) {
+    const Eigen::Isometry3d commanded = pose(cycle.state.O_T_EE_c);
+    const Eigen::Quaterniond turn(Eigen::Matrix3d(T.linear().transpose() * commanded.linear()));
+    if ((commanded.translation() - T.translation()).norm() < kSamePosition &&
+        turn.angularDistance(Eigen::Quaterniond::Identity()) < kSameAngle) {
+      T = commanded;
+    }
+  }
+  Reference reference;
+  reference.kind = ReferenceKind::kCartesian;
+  reference.cartesian.position = T.translation();
+  reference.cartesian.orientation = Eigen::Quaterniond(T.linear()).normalized();
+  return reference;
+}
+
+void CartesianPose::write(const Reference&, const Reference& reference, const Vector7&,
+                          fci::RobotCommand& command) const noexcept {
+  Eigen::Isometry3d T(reference.cartesian.orientation);
+  T.translation() = reference.cartesian.position;
+  Eigen::Matrix4d::Map(command.O_T_EE_c.data()) = T.matrix();
+}
+
+}  // namespace realtime::robot_controllers

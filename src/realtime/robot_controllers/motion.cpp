@@ -1,0 +1,25 @@
+#include "realtime/robot_controllers/motion.hpp"
+
+#include <algorithm>
+
+#include "realtime/tool.hpp"
+
+namespace realtime::robot_controllers {
+
+int Motion::pass(int ticks, Limiter& limiter, Reference& reference) const noexcept {
+  for (int lost = std::min(ticks - 1, kMostLost); lost > 0; --lost) limiter.coast(kTick, reference);
+  return 1;
+}
+
+bool Motion::reconcile(const fci::RobotState& state, Limiter& limiter, Reference& reference) const noexcept {
+  if (state.control_command_success_rate >= 1) return false;
+  Reference robots;
+  robots.kind = reference.kind;
+  robots.joint.q = Vector7::Map(state.q_d.data());
+  const Eigen::Isometry3d O_T_EE_c = pose(state.O_T_EE_c);
+  robots.cartesian.position = O_T_EE_c.translation();
+  robots.cartesian.orientation = Eigen::Quaterniond(O_T_EE_c.linear());
+  return limiter.reconcile(robots, kTick, reference);
+}
+
+}  // namespace realtime::robot_controllers

@@ -1,0 +1,20 @@
+#pragma once
+
+#include "realtime/robot_controllers/robot_controller.hpp"
+
+namespace realtime::robot_controllers {
+
+// What the four motion interfaces have in common: the robot has the reference, at 1 kHz. It goes on with constant acceleration
+// while it gets none, for kMostLost cycles; then it gives up.
+class Motion : public RobotController {
+ public:
+  static constexpr int kMostLost = 20;
+
+  bool takes_torque() const noexcept override { return false; }
+  bool has_reference() const noexcept override { return true; }
+  int pass(int ticks, Limiter& limiter, Reference& reference) const noexcept override;
+  bool reconcile(const fci::RobotState& state, Limiter& limiter, Reference& reference) const noexcept override;
+  bool may_finish(const Cycle&) const noexcept override { return true; }
+};
+
+}  // namespace realtime::robot_controllers

@@ -1,0 +1,34 @@
+#pragma once
+
+#include "models/arm.hpp"
+#include "realtime/cycle.hpp"
+#include "realtime/joint_barrier.hpp"
+#include "realtime/limiter.hpp"
+#include "realtime/walls/wall_guard.hpp"
+
+namespace realtime {
+
+// Where every torque goes through before it is sent. What a controller asks for is scaled as a whole where it is beyond the
+// limits, so that the wrench that it makes keeps its direction; then walls and joint limits push and brake the measured arm; and
+// what they add stays inside the limits too.
+class TorqueGate {
+ public:
+  explicit TorqueGate(const models::Limits& limits) : limits_(limits), barrier_(limits) {}
+
+  // The greatest of these torques, by what that joint can give.
+  double share(const Vector7& tau) const noexcept { return limits_.share(tau); }
+
+  // tau_J_d: the last command in, the next one out (N m). True if something was held back.
+  // `tracks`: the controller leads the arm to the reference.
+  bool pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, bool tracks, Vector7& tau_J_d) noexcept;
+
+  // A wall has pushed in the last pass().
+  bool walled() const noexcept { return walled_; }
+
+ private:
+  TorqueLimiter limits_;
+  JointBarrier barrier_;
+  bool walled_ = false;
+};
+
+}  // namespace realtime

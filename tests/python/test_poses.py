@@ -1,0 +1,113 @@
+"""Goals of the tool anywhere: refused with the place named, or driven inside the joints' limits; judged by the truth."""
+
+import contextlib
+
+import numpy as np
+import pytest
+from conftest import HOME
+
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, RigidTransform, proto
+from frankapy.sim import SimulatedArm, Simulation
+
+# rad/s: of FER and, beyond its envelope, FR3 (frankarobotics.github.io, robot and interface specifications).
+FASTEST = {"fer": [2.175] * 4 + [2.61] * 3, "fr3": [2.62] * 4 + [5.26, 4.18, 5.26]}
+LOWEST, HIGHEST = np.array([0.25, -0.45, 0.05]), np.array([0.65, 0.45, 0.75])  # m
+
+
+def at(position, quaternion) -> RigidTransform:
+    """Return a pose of the tool."""
+    rotation = RigidTransform.rotation_from_quaternion(np.array(quaternion) / np.linalg.norm(quaternion))
+    return RigidTransform(rotation, position, "franka_tool", "world")
+
+
+def judge(arm, robot: str, first: int) -> None:
+    """Raise unless the arm has stayed inside its limits since then and now rests."""
+    rows = arm.truth(since=first)
+    share = np.abs(rows["dq"]) / FASTEST[robot]
+    assert share.max() < 1, f"joint {share.max(axis=0).argmax() + 1} at {share.max():.2f} of its speed limit"
+    assert np.abs(rows["dq"][-1]).max() < 0.05
+
+
+@pytest.fixture(scope="module", params=["fr3", "fer"])
+def robot(request) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def arm(start_for_module, robot):
+    return start_for_module(robot=robot)
+
+
+@pytest.fixture
+def fa(arm):
+    with arm.client() as fa:
+        fa.wait_for_franka_interface()
+        fa.reset_joints()
+        yield fa
+
+
+def drive(fa: FrankaArm, arm, robot: str, go) -> bool:
+    """Do it; return whether it was driven. What is refused names where and moves nothing."""
+    first = fa.get_arm_state().robot.message_id
+    try:
+        go()
+    except FrankaArmArgumentError as error:
+        assert any(word in str(error) for word in ("joint", "reach", "singular", "capsule", "link"))
+        return False
+    fa.wait_for(lambda state: np.abs(state.robot.dq).max() < 0.01, timeout=20)
+    assert fa.last_skill_result.ending == proto.TERMINATED, fa.last_skill_result
+    judge(arm, robot, first)
+    return True
+
+
+@pytest.mark.parametrize("duration", [2, 1, 0.5])
+def test_a_far_pose_is_driven_as_fast_as_the_joints_may(fa, arm, robot, duration):
+    goal = at([0.399, -0.281, 0.092], [0.005, 0.968, 0.019, 0.249])
+    if drive(fa, arm, robot, lambda: fa.goto_pose(goal, duration)):
+        np.testing.assert_allclose(fa.get_pose().translation, goal.translation, atol=0.01)
+
+
+def test_a_pose_next_to_a_joints_end_is_driven_or_refused(fa, arm, robot):
+    goal = at([0.464, 0.182, 0.784], [0.623, 0.135, -0.464, -0.616])
+    drive(fa, arm, robot, lambda: fa.goto_pose(goal, 2, use_impedance=False))
+
+
+def test_the_next_motion_begins_where_a_fast_one_ended(fa, arm, robot):
+    goal = at([0.437, 0.097, 0.086], [0.014, 0.967, -0.122, 0.224])
+    drive(fa, arm, robot, lambda: fa.goto_pose(goal, 2))
+    fa.reset_joints()
+    assert fa.last_skill_result.ending == proto.TERMINATED
+    np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.01)
+
+
+def random_goals(robot: str, count: int) -> None:
+    """Drive to so many goals, each from where the last one ended."""
+    random = np.random.default_rng(1)
+    driven = 0
+    with Simulation(SimulatedArm(robot=robot, lockstep=True)) as simulation, FrankaArm(server=simulation.server) as fa:
+        fa.reset_joints()
+        for index in range(count):
+            turn = RigidTransform.rotation_from_quaternion([np.cos(0.3), *(np.sin(0.3) * random.normal(size=3) / 1.7)])
+            goal = fa.get_pose()
+            goal.rotation = turn @ np.diag([1.0, -1.0, -1.0])
+            goal.translation = random.uniform(LOWEST, HIGHEST)
+            duration, impedance = random.uniform(0.4, 3), bool(random.integers(2))
+            with contextlib.suppress(FrankaArmArgumentError):
+                fa.goto_pose(goal, duration, use_impedance=impedance, ignore_virtual_walls=True)
+                driven += 1
+            result = fa.last_skill_result
+            assert result is None or result.ending != proto.ROBOT_ERROR, f"goal {index}: {goal} in {duration} s: {result}"
+            if index % 10 == 9:
+                with contextlib.suppress(FrankaArmException):
+                    fa.reset_joints()
+    assert driven > count / 2
+
+
+def test_random_goals_end_without_an_error_of_the_robot(robot):
+    random_goals(robot, 25)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(3600)
+def test_five_hundred_random_goals_end_without_an_error_of_the_robot(robot):
+    random_goals(robot, 500)
