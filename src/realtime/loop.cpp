@@ -453,7 +453,9 @@ void Loop::post_result(SkillResult result, const Skill& skill) noexcept {
   result.skill_id = skill.id;
   result.robot_mode = state_.robot_mode;
   if (result.ending == Ending::kRobotError) {
-    result.errors = fci::any(state_.errors) ? state_.errors : state_.reflex_reason;
+    // The robot keeps the reason of its last reflex: of a user stop it says nothing.
+    const bool stopped = state_.robot_mode == fci::RobotMode::kUserStopped;
+    result.errors = fci::any(state_.errors) || stopped ? state_.errors : state_.reflex_reason;
     if (motion_answer_) result.status = *motion_answer_;
   }
   door_.results.push(result);  // change_skill() has kept room

@@ -2,11 +2,14 @@
 
 #include <sched.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <ctime>
 #include <cstring>
 #include <limits>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace robot {
@@ -14,10 +17,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto kConnectTime = 2s;     // for each step of connecting
-constexpr auto kModelTime = 5s;       // for the URDF, some 10 kB
-constexpr auto kSilence = 1s;         // as long as receive() waits
-constexpr auto kTcpCheck = 100ms;     // how soon a closed connection is noticed while no states come
+constexpr int kTcpChecks = 10;        // looks for a closed connection in the time in which no states come
 constexpr int kTcpEvery = 8;          // polls between looks at TCP while no answer is due
 constexpr std::int64_t kShortWait = 500'000;  // ns, for a state: nobody paces this arm
 constexpr std::int64_t kPolling = 200'000;    // ns
@@ -35,26 +35,23 @@ std::int64_t now_ns() {
   return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
 }
 
-// Sees whether all reals of a struct are finite.
-class Finite : public fci::Visitor<Finite> {
- public:
-  explicit Finite(fci::Version version) : Visitor(version) {}
-
-  template <class Wire, class T>
-  void field(const char*, const T& value) {
-    if constexpr (std::is_floating_point_v<Wire>) {
-      if constexpr (fci::detail::Elements<T>::kCount == 1) {
-        sum_ += 0 * value;
-      } else {
-        for (double element : value) sum_ += 0 * element;
-      }
-    }
+template <class T>
+bool finite(const T& value) {
+  if constexpr (std::is_floating_point_v<T>) {
+    return std::isfinite(value);
+  } else {
+    return std::all_of(value.begin(), value.end(), [](double element) { return std::isfinite(element); });
   }
-  bool all() const { return sum_ == 0; }  // 0 * x is NaN for what is not finite
+}
 
- private:
-  double sum_ = 0;
-};
+// Of a state what the loop and the parts of skills compute with. What else is no number is passed on as it is, and costs nobody
+// the state.
+bool usable(const fci::RobotState& s) {
+  const auto all = [](const auto&... values) { return (finite(values) && ...); };
+  return all(s.q, s.dq, s.q_d, s.dq_d, s.ddq_d, s.tau_J_d, s.tau_ext_hat_filtered, s.O_T_EE, s.O_T_EE_c, s.F_T_EE, s.EE_T_K,
+             s.O_F_ext_hat_K, s.K_F_ext_hat_K, s.O_ddP_O, s.m_ee, s.I_ee, s.F_x_Cee, s.m_load, s.I_load, s.F_x_Cload,
+             s.joint_contact, s.cartesian_contact, s.joint_collision, s.cartesian_collision, s.control_command_success_rate);
+}
 
 bool known_modes(const fci::RobotState& state) {
   return state.motion_generator_mode <= fci::MotionGeneratorMode::kNone &&
@@ -68,11 +65,11 @@ std::string supported() {
 
 }  // namespace
 
-std::unique_ptr<FciDriver> FciDriver::connect(const std::string& address) {
+std::unique_ptr<FciDriver> FciDriver::connect(const std::string& address, const FciTimes& times) {
   const Peer peer("the robot", address, fci::kRobotPort, kRemedy);
   fci::Version offered = fci::kNewestVersion;
   for (;;) {
-    const auto deadline = Clock::now() + kConnectTime;
+    const auto deadline = Clock::now() + times.connect;
     Socket tcp = peer.connect(deadline);
     std::uint16_t port = 0;
     Socket udp = peer.udp(tcp, port);
@@ -102,10 +99,10 @@ std::unique_ptr<FciDriver> FciDriver::connect(const std::string& address) {
 
     const auto status = fci::status_of(offered, fci::Command::kConnect, response.status);
     if (status == fci::Status::kSuccess) {
-      std::unique_ptr<FciDriver> driver(new FciDriver(peer, std::move(tcp), std::move(udp)));
-      driver->version_ = driver->settle_version(offered, response.version, Clock::now() + kConnectTime);
+      std::unique_ptr<FciDriver> driver(new FciDriver(peer, std::move(tcp), std::move(udp), times));
+      driver->version_ = driver->settle_version(offered, response.version, Clock::now() + times.connect);
       driver->command_size_ = fci::size_of<fci::RobotCommand>(driver->version_);
-      driver->fetch_robot_model(Clock::now() + kModelTime);
+      driver->fetch_robot_model(Clock::now() + times.model);
       return driver;
     }
     if (status != fci::Status::kIncompatibleLibraryVersion) {
@@ -126,8 +123,8 @@ std::unique_ptr<FciDriver> FciDriver::connect(const std::string& address) {
   }
 }
 
-FciDriver::FciDriver(Peer peer, Socket tcp, Socket udp)
-    : peer_(std::move(peer)), tcp_(std::move(tcp)), udp_(std::move(udp)), next_id_(1) {
+FciDriver::FciDriver(Peer peer, Socket tcp, Socket udp, const FciTimes& times)
+    : peer_(std::move(peer)), times_(times), tcp_(std::move(tcp)), udp_(std::move(udp)), next_id_(1) {
   for (int i = 0; i < kDatagrams; ++i) {
     in_.pieces[i] = {in_.bytes[i].data(), kDatagramRoom};
     in_.headers[i] = {};
@@ -135,7 +132,8 @@ FciDriver::FciDriver(Peer peer, Socket tcp, Socket udp)
     in_.headers[i].msg_hdr.msg_iovlen = 1;
     in_.headers[i].msg_hdr.msg_name = &in_.from[i];
   }
-  const timeval timeout{0, std::chrono::microseconds(kTcpCheck).count()};
+  const auto check = std::chrono::microseconds(times_.silence) / kTcpChecks;
+  const timeval timeout{check / 1s, check % 1s / 1us};
   ::setsockopt(udp_.fd(), SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof(timeout));
 }
 
@@ -153,7 +151,7 @@ fci::Version FciDriver::settle_version(std::uint16_t offered, std::uint16_t answ
                                     reinterpret_cast<sockaddr*>(&from), &from_size);
     if (size < 0) continue;
     if (!peer_.owns(from)) {
-      ++counters_.foreign;
+      ++counters_->foreign;
       continue;
     }
     const auto bytes = static_cast<std::size_t>(size);
@@ -169,7 +167,7 @@ fci::Version FciDriver::settle_version(std::uint16_t offered, std::uint16_t answ
                            "Which of these it means cannot be known; start it with one version.");
       }
     } else {
-      ++counters_.wrong_size;
+      ++counters_->wrong_size;
       if (came.size() < 100) came += (came.empty() ? "" : ", ") + std::to_string(bytes);
       continue;
     }
@@ -189,7 +187,7 @@ fci::Version FciDriver::settle_version(std::uint16_t offered, std::uint16_t answ
                        std::to_string(float_size) + " bytes (version 10) or " + std::to_string(double_size) +
                        " (versions 5 to 9), received datagrams of " + came + " bytes.");
   }
-  if (counters_.foreign > 0) {
+  if (counters_->foreign > 0) {
     throw ConnectError("The robot at " + peer_.endpoint() + " accepted the connection, but datagrams come from other "
                        "addresses than its own. Give the address that it sends from.");
   }
@@ -221,6 +219,21 @@ void FciDriver::fetch_robot_model(Clock::time_point deadline) {
   if (body[0] == std::byte{0}) robot_model_.assign(reinterpret_cast<const char*>(body.data()) + 1, body.size() - 1);
 }
 
+std::string FciDriver::Counters::text() const {
+  std::string text;
+  for (const auto& [count, what] : {std::pair{&wrong_size, "datagrams of the wrong size"},
+                                    std::pair{&bad_values, "states with values that are no numbers, or unknown modes"},
+                                    std::pair{&old, "states that were not newer than the last"},
+                                    std::pair{&foreign, "datagrams from another address"},
+                                    std::pair{&unsent, "commands that the network did not take"},
+                                    std::pair{&unasked, "answers that nobody had asked for"}}) {
+    if (const std::uint64_t number = count->load(); number > 0) {
+      text += (text.empty() ? "" : ", ") + std::to_string(number) + " " + what;
+    }
+  }
+  return text;
+}
+
 void FciDriver::lose(const char* why) noexcept {
   if (lost_.load() == nullptr) lost_ = why;
 }
@@ -249,9 +262,9 @@ int FciDriver::wait() noexcept {
 }
 
 Received FciDriver::receive(fci::RobotState& state) noexcept {
-  const auto deadline = Clock::now() + kSilence;
-  int vain = 0;  // waits for kTcpCheck; one that a computer which stood still drew out is one
-  while (vain < kSilence / kTcpCheck) {
+  const auto deadline = Clock::now() + times_.silence;
+  int vain = 0;  // waits; one that a computer which stood still drew out is one
+  while (vain < kTcpChecks) {
     if (lost_.load() != nullptr) return Received::kLost;
     for (int i = 0; i < kDatagrams; ++i) {
       in_.headers[i].msg_hdr.msg_namelen = sizeof(sockaddr_in);
@@ -281,17 +294,17 @@ bool FciDriver::take_newest(int datagrams, fci::RobotState& state) noexcept {
   for (int i = 0; i < datagrams; ++i) {
     const mmsghdr& header = in_.headers[i];
     if (in_.from[i].sin_addr.s_addr != commands_to_.sin_addr.s_addr) {
-      ++counters_.foreign;
+      ++counters_->foreign;
       continue;
     }
     if (header.msg_len != state_size_ || (header.msg_hdr.msg_flags & MSG_TRUNC) != 0) {
-      ++counters_.wrong_size;
+      ++counters_->wrong_size;
       continue;
     }
     std::uint64_t message_id;
     std::memcpy(&message_id, in_.bytes[i].data(), sizeof(message_id));
     if (any_state_ && message_id <= newest_) {
-      ++counters_.old;
+      ++counters_->old;
       continue;
     }
     if (!read_state(in_.bytes[i].data(), state)) continue;
@@ -305,10 +318,8 @@ bool FciDriver::take_newest(int datagrams, fci::RobotState& state) noexcept {
 bool FciDriver::read_state(const std::byte* datagram, fci::RobotState& state) noexcept {
   fci::Reader reader(version_, datagram);
   walk(reader, scratch_);
-  Finite finite(version_);
-  walk(finite, std::as_const(scratch_));
-  if (!finite.all() || !known_modes(scratch_)) {
-    ++counters_.bad_values;
+  if (!usable(scratch_) || !known_modes(scratch_)) {
+    ++counters_->bad_values;
     return false;
   }
   state = scratch_;
@@ -321,7 +332,7 @@ void FciDriver::send(const fci::RobotCommand& command) noexcept {
   walk(writer, command);
   const ssize_t sent = ::sendto(udp_.fd(), bytes.data(), command_size_, MSG_DONTWAIT | MSG_NOSIGNAL,
                                 reinterpret_cast<const sockaddr*>(&commands_to_), sizeof(commands_to_));
-  if (sent != static_cast<ssize_t>(command_size_)) ++counters_.unsent;
+  if (sent != static_cast<ssize_t>(command_size_)) ++counters_->unsent;
 }
 
 std::optional<std::uint32_t> FciDriver::post(const Request& request) noexcept {
@@ -332,6 +343,9 @@ std::optional<std::uint32_t> FciDriver::post(const Request& request) noexcept {
       std::visit([&](const auto& body) { return fci::write_request(version_, id, body, room); }, request);
   if (size == 0) return std::nullopt;
   ++next_id_;
+  OpenRequest& open = open_[id % kOpenRequests];
+  if (open.due) --awaited_;
+  open = {id, std::visit([](const auto& body) { return body.kCommand; }, request), true};
   ++awaited_;
   tcp_out_size_ += size;
   flush();
@@ -363,6 +377,16 @@ void FciDriver::read_tcp() noexcept {
   }
 }
 
+// Whether an answer is one to a request that is open; then it is closed, but for a Move, which is answered again at its end.
+bool FciDriver::asked_for(std::uint32_t id, fci::Command command, fci::Status status) noexcept {
+  OpenRequest& open = open_[id % kOpenRequests];
+  if (id == 0 || open.id != id || open.command != command) return false;
+  if (open.due) --awaited_;
+  open.due = false;
+  if (status != fci::Status::kMotionStarted) open.id = 0;
+  return true;
+}
+
 std::optional<Answer> FciDriver::poll() noexcept {
   flush();
   const auto drop = [&](std::size_t bytes) {
@@ -392,7 +416,10 @@ std::optional<Answer> FciDriver::poll() noexcept {
       }
       drop(kMinResponse);
       skip_ = header.size - kMinResponse;
-      if (awaited_ > 0) --awaited_;
+      if (!asked_for(header.command_id, *command, *status)) {
+        ++counters_->unasked;
+        continue;
+      }
       return Answer{header.command_id, *command, *status};
     }
     if (read || lost_.load() != nullptr) return std::nullopt;

@@ -15,13 +15,17 @@ namespace {
 using namespace std::chrono_literals;
 namespace gripper = fci::gripper;
 
-constexpr auto kConnectTime = 2s;
 constexpr auto kStateAge = 1s;
+constexpr double kLongestWay = 0.1;  // m, of the width
 constexpr std::size_t kStatusSize = sizeof(std::uint16_t);
 constexpr std::size_t kMaxResponse = 4096;  // bytes: above this it is garbage
 
 const std::string kRemedy =
     "Check that a hand is mounted and set up in Desk (for a simulated arm: that fci-sim runs at this address).";
+
+std::chrono::duration<double> time_to_move(double speed) {
+  return std::chrono::duration<double>(std::clamp(kLongestWay / speed, 0., 1000.));
+}
 
 template <class Request>
 std::size_t write_request(std::uint32_t id, const Request& request, std::span<std::byte> out) {
@@ -33,9 +37,9 @@ std::size_t write_request(std::uint32_t id, const Request& request, std::span<st
 
 }  // namespace
 
-GripperClient::GripperClient(const std::string& address)
-    : peer_("the hand", address, gripper::kPort, kRemedy) {
-  const auto deadline = Clock::now() + kConnectTime;
+GripperClient::GripperClient(const std::string& address, const GripperTimes& times)
+    : peer_("the hand", address, gripper::kPort, kRemedy), times_(times) {
+  const auto deadline = Clock::now() + times_.connect;
   tcp_ = peer_.connect(deadline);
   std::uint16_t port = 0;
   udp_ = peer_.udp(tcp_, port);
@@ -75,15 +79,17 @@ GripperClient::~GripperClient() {
   reader_.join();
 }
 
-GripperClient::Outcome GripperClient::homing() { return call(gripper::Homing{}); }
-GripperClient::Outcome GripperClient::stop() { return call(gripper::Stop{}); }
-GripperClient::Outcome GripperClient::grasp(const gripper::Grasp& request) { return call(request); }
+GripperClient::Outcome GripperClient::homing() { return call(gripper::Homing{}, times_.homing); }
+GripperClient::Outcome GripperClient::stop() { return call(gripper::Stop{}, 0s); }
+GripperClient::Outcome GripperClient::grasp(const gripper::Grasp& request) { return call(request, time_to_move(request.speed)); }
 GripperClient::Outcome GripperClient::move(double width, double speed) {
-  return call(gripper::Move{width, speed});
+  return call(gripper::Move{width, speed}, time_to_move(speed));
 }
 
+// `motion`: what the fingers need at most.
 template <class Request>
-GripperClient::Outcome GripperClient::call(const Request& request) {
+GripperClient::Outcome GripperClient::call(const Request& request, std::chrono::duration<double> motion) {
+  const auto deadline = Clock::now() + times_.answer + std::chrono::ceil<std::chrono::milliseconds>(motion);
   std::unique_lock lock(mutex_);
   if (cancelled_) return Outcome::kCancelled;
   if (!lost_.empty()) return Outcome::kLost;
@@ -92,13 +98,17 @@ GripperClient::Outcome GripperClient::call(const Request& request) {
   waiting_.push_back(&call);
   std::array<std::byte, 64> bytes;
   const std::size_t size = write_request(call.id, request, bytes);
+  lock.unlock();
   try {
-    peer_.send(tcp_, std::span(bytes).first(size), Clock::now() + kConnectTime);
+    const std::unique_lock sending(sending_, Clock::now() + times_.connect);
+    if (sending) peer_.send(tcp_, std::span(bytes).first(size), Clock::now() + times_.connect);
   } catch (const ConnectError& error) {
-    if (lost_.empty()) lost_ = error.what();
+    lose(error.what());
   }
-  answered_.wait(lock, [&] { return call.outcome || cancelled_ || !lost_.empty(); });
+  lock.lock();
+  const bool over = answered_.wait_until(lock, deadline, [&] { return call.outcome || cancelled_ || !lost_.empty(); });
   std::erase(waiting_, &call);
+  if (!over) return Outcome::kSilent;
   return call.outcome.value_or(cancelled_ ? Outcome::kCancelled : Outcome::kLost);
 }
 

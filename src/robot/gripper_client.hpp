@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <memory>
 #include <mutex>
@@ -13,8 +14,16 @@
 
 namespace robot {
 
-// The hand's client (protocol 3, TCP port 1338 and UDP). Calls block until the hand has answered, and may be made
-// from any thread; stop() and cancel() reach a call that waits in another one. For the server room.
+// What a client of the hand waits for at most.
+struct GripperTimes {
+  std::chrono::milliseconds connect{2000};  // and for the hand to take a request
+  std::chrono::milliseconds answer{5000};   // beside the time that the fingers need
+  std::chrono::milliseconds homing{30000};  // for the fingers to find their ends
+};
+
+// The hand's client (protocol 3, TCP port 1338 and UDP). Calls block until the hand has answered, or has not for longer than it
+// can need, and may be made from any thread; stop() and cancel() reach a call that waits in another one, and state() waits for
+// none. For the server room.
 class GripperClient {
  public:
   enum class Outcome {
@@ -24,10 +33,11 @@ class GripperClient {
     kAborted,       // stopped, or another command took over
     kCancelled,     // cancel() was called
     kLost,          // the connection is gone; make a new client
+    kSilent,        // no answer in time; one that comes later is passed over
   };
 
   // Throws ConnectError.
-  explicit GripperClient(const std::string& address);
+  explicit GripperClient(const std::string& address, const GripperTimes& times = {});
   ~GripperClient();
 
   Outcome homing();
@@ -52,16 +62,18 @@ class GripperClient {
   };
 
   template <class Request>
-  Outcome call(const Request& request);
+  Outcome call(const Request& request, std::chrono::duration<double> motion);
   void run();
   bool read_tcp();
   void read_udp();
   void answer(std::uint32_t id, std::uint16_t status);
   void lose(const std::string& why);
 
-  Peer peer_;
+  const Peer peer_;
+  const GripperTimes times_;
   Socket tcp_, udp_, wake_;
 
+  std::timed_mutex sending_;  // whole requests; never waited for with mutex_ locked
   mutable std::mutex mutex_;
   std::condition_variable answered_;
   std::uint32_t next_id_ = 1;  // 0 was Connect

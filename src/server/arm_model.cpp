@@ -11,6 +11,7 @@ namespace {
 
 constexpr fci::Version kFirstFr3 = 6;
 constexpr fci::Version kFirstWithUrdf = 8;
+constexpr std::size_t kUrdfHead = 4096;  // bytes in which the name of the robot is looked for
 
 realtime::Matrix7 mass_at_home(const std::string& urdf) {
   realtime::Model model(urdf);
@@ -18,15 +19,20 @@ realtime::Matrix7 mass_at_home(const std::string& urdf) {
   return model.mass();
 }
 
-// By the name of the robot in its URDF, else by the inertia that is nearest.
-const models::Arm& identify(const std::string& urdf, const realtime::Matrix7& mass, fci::Version version) {
+// By the name of the robot in its URDF; null where that is none of ours.
+const models::Arm* by_name(const std::string& urdf) {
+  const std::string head = urdf.substr(0, kUrdfHead);
   std::smatch match;
-  if (std::regex_search(urdf, match, std::regex("<robot[^>]*\\sname\\s*=\\s*[\"']([^\"']*)[\"']"))) {
-    const std::string name = match[1] == "panda" ? "fer" : match[1].str();
-    for (const auto& arm : models::arms()) {
-      if (arm.name == name) return arm;
-    }
+  if (!std::regex_search(head, match, std::regex("<robot[^>]*\\sname\\s*=\\s*[\"']([^\"']*)[\"']"))) return nullptr;
+  const std::string name = match[1] == "panda" ? "fer" : match[1].str();
+  for (const auto& arm : models::arms()) {
+    if (arm.name == name) return &arm;
   }
+  return nullptr;
+}
+
+// By the inertia that is nearest.
+const models::Arm& by_mass(const realtime::Matrix7& mass, fci::Version version) {
   const models::Arm* nearest = nullptr;
   double least = std::numeric_limits<double>::infinity();
   for (const auto& arm : models::arms()) {
@@ -48,7 +54,8 @@ ArmModel ask_robot(fci::Version version, const std::string& robot_urdf) {
       if (robot_urdf.empty()) throw std::invalid_argument("it gave none");
       const realtime::Matrix7 mass = mass_at_home(robot_urdf);
       if (!(mass.diagonal().minCoeff() > 1e-6)) throw std::invalid_argument("its links have no inertia");
-      model.arm = &identify(robot_urdf, mass, version);
+      const models::Arm* named = by_name(robot_urdf);
+      model.arm = named != nullptr ? named : &by_mass(mass, version);
       model.urdf = robot_urdf;
       return model;
     } catch (const std::exception& error) {
@@ -67,11 +74,18 @@ ArmModel ask_robot(fci::Version version, const std::string& robot_urdf) {
 ArmModel choose_model(fci::Version version, const std::string& robot_urdf, const std::string& configured) {
   ArmModel model = ask_robot(version, robot_urdf);
   if (configured == "auto" || configured == model.arm->name) return model;
+  const models::Arm* named = version >= kFirstWithUrdf ? by_name(robot_urdf) : nullptr;
+  if (named != nullptr || (configured == "fer") != (version < kFirstFr3)) {
+    throw std::invalid_argument(fmt::format("the configuration says model = \"{}\", and the robot (protocol version {}) is {}: limits "
+                                            "and masses of another arm would apply. Set model = \"auto\", or the address of the arm "
+                                            "that is meant",
+                                            configured, version, named != nullptr ? named->title : model.arm->title));
+  }
   ArmModel other;
   other.arm = &models::arm(configured);
   other.urdf = models::urdf(*other.arm, version);
   // Versions 6 and 7 do not say which FR3 it is.
-  if (version >= kFirstWithUrdf || configured == "fer" || version < kFirstFr3) {
+  if (version >= kFirstWithUrdf) {
     other.warning = fmt::format("the configuration says model = \"{}\", the robot (protocol version {}) looks like {}. "
                                 "Remedy: set model = \"auto\" unless the robot is wrong",
                                 configured, version, model.arm->name);
@@ -79,8 +93,8 @@ ArmModel choose_model(fci::Version version, const std::string& robot_urdf, const
   return other;
 }
 
-models::Limits scaled_limits(const models::Arm& arm, fci::Version version, const ArmConfig& config) {
-  models::Limits limits = models::limits(arm, version);
+models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config) {
+  models::Limits limits = models::narrowed(models::limits(*model.arm, version), model.urdf);
   for (int i = 0; i < models::kJoints; ++i) {
     limits.dq_max[i] *= config.limits.velocity;
     limits.ddq_max[i] *= config.limits.acceleration;

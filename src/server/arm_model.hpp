@@ -17,11 +17,11 @@ struct ArmModel {
 };
 
 // Of a robot that speaks protocol `version`: up to 5 a FER, 6 and 7 an FR3; from 8 on its own URDF says
-// (`robot_urdf`; empty when it gave none). `configured` ("auto" or a name) goes before all that, with a
-// warning when the robot says otherwise.
+// (`robot_urdf`; empty when it gave none). `configured` ("auto" or a name) says it where the robot does not, and is told of
+// doubts; one that the robot contradicts is refused (std::invalid_argument), as another arm's limits and masses would apply.
 ArmModel choose_model(fci::Version version, const std::string& robot_urdf, const std::string& configured);
 
-// Limits of that arm, scaled as configured.
-models::Limits scaled_limits(const models::Arm& arm, fci::Version version, const ArmConfig& config);
+// Limits of that arm, scaled as configured. Throws std::invalid_argument where its URDF's contradict them.
+models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config);
 
 }  // namespace server

@@ -24,6 +24,7 @@
 #include "server/recorder.hpp"
 #include "server/registry.hpp"
 #include "server/sensor_hub.hpp"
+#include "server/sign_of_life.hpp"
 #include "server/skill_builder.hpp"
 #include "server/transport.hpp"
 #include "server/wakeful_clock.hpp"
@@ -38,10 +39,6 @@ using namespace std::chrono_literals;
 constexpr auto kHeartbeat = 100ms;
 constexpr auto kReconnectPeriod = 500ms;
 constexpr auto kHandTime = 500ms;   // that a client's first look at the arm may wait for its hand
-// A thread that is silent for so long hangs. The loop waits at most 1 s for the robot.
-constexpr auto kTransportHangs = 1s;
-constexpr auto kLoopHangs = 1500ms;
-constexpr auto kPartHangs = 500ms;  // in one step of a part: more than a busy computer makes a thread wait
 
 // The log as part of recordings.
 class JournalSink : public spdlog::sinks::base_sink<std::mutex> {
@@ -132,26 +129,22 @@ class ArmProcess {
   // A hang ends the process: the supervisor starts it again, and the robot stops by its own reflex.
   void check_threads() {
     const auto now = clock_.now();
-    if (transport_.rounds() != rounds_) {
-      rounds_ = transport_.rounds();
-      transport_alive_ = now;
-    } else if (now - transport_alive_ > kTransportHangs) {
-      hang("transport", part_record().in_loop);
-    }
-    const auto newest = publisher_.newest();
-    const std::uint64_t cycles = newest ? newest->cycles : 0;
-    if (cycles != cycles_ || !looping_) {
-      cycles_ = cycles;
-      loop_alive_ = now;
-    } else if (now - loop_alive_ > (part_record().in_loop != 0 ? kPartHangs : kLoopHangs)) {
-      hang("1 kHz loop", part_record().in_builder);
-    }
+    const ArmOptions::Watchdogs& most = options_.watchdogs;
+    if (transport_alive_.silence(transport_.rounds(), true, now) > most.transport) hang("transport", part_record().in_loop);
+    // Each a sign of its own: a publisher that has trouble is no loop that hangs.
+    const auto loop = loop_alive_.silence(door_.records.written(), looping_, now);
+    if (loop > (part_record().in_loop != 0 ? most.part : most.loop)) hang("1 kHz loop", part_record().in_builder);
+    const Workbench& bench = transport_.workbench();
+    const std::uint64_t finished = bench.finished();
+    const auto builder = builder_alive_.silence(finished, bench.begun() != finished && part_record().in_builder != 0, now);
+    if (builder > most.builder) hang("skill builder", part_record().in_loop);
   }
 
   // What the other thread was in is not to blame.
   [[noreturn]] void hang(const char* thread, std::atomic<std::uint32_t>& other) {
     other = 0;
     spdlog::critical("the {} hangs{}: this process gives up", thread, part_record().where());
+    spdlog::default_logger()->flush();
     std::_Exit(ArmOptions::kHangs);
   }
 
@@ -254,9 +247,8 @@ class ArmProcess {
   bool ready_ = false;
   std::atomic<bool> quit_{false}, transport_quit_{false}, looping_{false};
 
-  std::uint64_t rounds_ = 0, cycles_ = 0;
   WakefulClock clock_{2 * kHeartbeat};
-  Clock::duration transport_alive_{}, loop_alive_{};  // by it
+  SignOfLife transport_alive_, loop_alive_, builder_alive_;  // by it
 };
 
 }  // namespace

@@ -14,7 +14,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
+#include <istream>
 #include <set>
 #include <sstream>
 #include <utility>
@@ -28,6 +28,7 @@ constexpr std::pair<const char*, RecordingsConfig::Mode> kRecordingModes[] = {{"
                                                                               {"errors", RecordingsConfig::Mode::kErrors},
                                                                               {"skills", RecordingsConfig::Mode::kSkills},
                                                                               {"always", RecordingsConfig::Mode::kAlways}};
+constexpr std::size_t kMaxFile = 1 << 20;  // bytes
 constexpr char kRecordingModesExpected[] = "\"off\", \"errors\", \"skills\" or \"always\"";
 
 std::string text_of(const toml::node& node) {
@@ -381,7 +382,17 @@ std::string read_config_file(const std::string& path) {
     throw ConfigError(fmt::format("{}: cannot be read ({}): expected a TOML file that names the arms", path,
                                   std::strerror(errno)));
   }
-  return {std::istreambuf_iterator<char>(file), {}};
+  return read_config(file, path);
+}
+
+std::string read_config(std::istream& from, const std::string& source) {
+  std::string text(kMaxFile + 1, 0);
+  from.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(from.gcount()));
+  if (text.size() > kMaxFile) {
+    throw ConfigError(fmt::format("{}: more than {} bytes: expected a TOML file that names the arms", source, kMaxFile));
+  }
+  return text;
 }
 
 RecordingsConfig::Mode recording_mode(const std::string& name) {

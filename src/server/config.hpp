@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <iosfwd>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -58,8 +59,9 @@ class ConfigError : public std::runtime_error {
 // Reads TOML text; `source` names it in errors. Throws ConfigError.
 Config parse_config(const std::string& text, const std::string& source);
 
-// The whole file as text. Throws ConfigError.
+// The whole file as text. Throws ConfigError, also where it does not end within a megabyte.
 std::string read_config_file(const std::string& path);
+std::string read_config(std::istream& from, const std::string& source);
 
 // TOML of a server with one arm and defaults otherwise.
 std::string config_of_robot(const std::string& address, bool gripper);

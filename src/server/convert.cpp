@@ -126,6 +126,9 @@ std::string explain(const realtime::SkillResult& result) {
     case realtime::Ending::kPreempted:
     case realtime::Ending::kStopped: return "";
     case realtime::Ending::kRobotError:
+      if (result.robot_mode == fci::RobotMode::kUserStopped && !fci::any(result.errors)) {
+        return fmt::format("the user stop was pressed after {:.3f} s: release it, then recover (automatic error recovery)", result.time);
+      }
       if (!fci::any(result.errors)) {
         return fmt::format("the robot ended the motion after {:.3f} s, names no error and is now in mode {}: "
                            "release the user stop if it is pressed, then recover",
@@ -213,7 +216,9 @@ void convert(const realtime::Record& record, proto::ArmState& out) {
 
 std::string errors_of(const fci::RobotState& state) {
   if (fci::any(state.errors)) return fci::names(state.errors);
-  if (fci::any(state.reflex_reason)) return fci::names(state.reflex_reason);
+  // The robot keeps the reason of its last reflex.
+  const bool reflex = state.robot_mode == fci::RobotMode::kReflex;
+  if (reflex && fci::any(state.reflex_reason)) return fci::names(state.reflex_reason);
   switch (state.robot_mode) {
     case fci::RobotMode::kUserStopped: return "user stop is pressed";
     case fci::RobotMode::kGuiding: return "the arm is being guided by hand";

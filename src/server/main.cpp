@@ -1,16 +1,15 @@
 // franka-interface: the server. See ARCHITECTURE.md, "Processes".
 
-#include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <iostream>
-#include <iterator>
 
 #include "allocations/allocations.hpp"
 #include "server/arm_process.hpp"
 #include "server/config.hpp"
+#include "server/log.hpp"
 #include "server/plugins.hpp"
 #include "server/supervisor.hpp"
 
@@ -52,12 +51,10 @@ int main(int argc, char** argv) {
     if (!recordings.empty()) config.recordings.folder = std::filesystem::absolute(recordings);
   };
 
-  spdlog::set_default_logger(spdlog::stderr_color_mt("franka-interface"));
-  spdlog::set_pattern("[%H:%M:%S.%e] %^%l%$ %v");
+  server::start_log();
   try {
     if (*arm_command) {
-      const std::string toml(std::istreambuf_iterator<char>(std::cin), {});
-      auto config = server::parse_config(toml, "standard input");
+      auto config = server::parse_config(server::read_config(std::cin, "standard input"), "standard input");
       choose_recordings(config);
       if (supervised) arm.status_fd = server::ArmOptions::kStatusFd;
       if (allocations::kCounts) arm.allocations = allocations::of_this_thread;

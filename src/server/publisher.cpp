@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <bit>
 #include <charconv>
 #include <chrono>
 #include <system_error>
@@ -12,7 +13,6 @@
 #include "server/clocks.hpp"
 #include "server/convert.hpp"
 #include "server/gripper.hpp"
-#include "server/sockets.hpp"
 
 namespace server {
 
@@ -23,7 +23,10 @@ namespace {
 constexpr auto kPublishPeriod = std::chrono::microseconds(500);
 constexpr auto kTellPeriod = std::chrono::seconds(1);
 constexpr int kSendQueue = 10'000;  // states that a subscriber may be behind: 10 s
-constexpr std::size_t kMostTopics = 64;
+constexpr std::size_t kMostTopics = 32;
+constexpr std::size_t kMostUnserved = 256;        // subscriptions that are held although nothing is published to them
+constexpr std::int64_t kLongestSubscription = 2048;  // bytes: all fields by name are less
+constexpr int kSubscriptionsAhead = 64;           // read from a connection before they are looked at
 constexpr std::size_t kDescriptionsKept = 512;
 
 }  // namespace
@@ -33,8 +36,11 @@ Publisher::Publisher(zmq::context_t& context, const std::string& listen, std::ui
     : records_(door.records), gripper_(gripper), socket_(context, zmq::socket_type::xpub) {
   socket_.set(zmq::sockopt::linger, 0);
   socket_.set(zmq::sockopt::sndhwm, kSendQueue);
+  socket_.set(zmq::sockopt::rcvhwm, kSubscriptionsAhead);
+  socket_.set(zmq::sockopt::maxmsgsize, kLongestSubscription);
   socket_.set(zmq::sockopt::xpub_verbose, 0);
   endpoint_ = bind(socket_, listen, port);
+  connections_.emplace(context, socket_);
   thread_ = std::thread([this] { run(); });
 }
 
@@ -48,6 +54,7 @@ void Publisher::run() {
   std::uint64_t lost = 0;  // told of
   auto told = std::chrono::steady_clock::now();
   while (!quit_) {
+    connections_->look();
     take_subscriptions();
     while (records_.next(record)) {
       if (!topics_.empty()) publish(record);
@@ -71,13 +78,29 @@ void Publisher::take_subscriptions() {
     if (message.size() == 0) continue;
     std::string text(message.data<char>() + 1, message.size() - 1);
     if (text.ends_with('\0')) text.pop_back();
+    const auto known = topics_.find(text);
     if (*message.data<char>() == 0) {
-      topics_.erase(text);
+      if (known != topics_.end() && --known->second.wanted == 0) topics_.erase(known);
+      unserved_.erase(text);
+    } else if (known != topics_.end()) {
+      ++known->second.wanted;
     } else if (auto topic = parse(text); topic && topics_.size() < kMostTopics) {
       topics_[text] = std::move(*topic);
     } else {
-      spdlog::warn("nothing is published to a subscription of \"{:.80}\"", text);
+      if (unserved_.size() < kMostUnserved) {
+        unserved_.insert(text);
+      } else {
+        hang_up(message.get(ZMQ_SRCFD), endpoint_);
+      }
+      refuse(text);
     }
+  }
+}
+
+// Tells of each power of two, so that whoever goes on does not fill the log.
+void Publisher::refuse(const std::string& text) {
+  if (std::has_single_bit(++refused_)) {
+    spdlog::warn("nothing is published to a subscription of \"{:.80}\"; {} like that so far", text, refused_);
   }
 }
 
@@ -86,7 +109,7 @@ std::optional<Publisher::Topic> Publisher::parse(const std::string& text) {
   Topic topic;
   const std::size_t space = std::min(text.find(' '), text.size());
   const auto [end, error] = std::from_chars(text.data(), text.data() + space, topic.every);
-  if (error != std::errc() || end != text.data() + space || topic.every == 0) return std::nullopt;
+  if (error != std::errc() || end != text.data() + space || topic.every == 0 || text[0] == '0') return std::nullopt;
   if (space < text.size()) {
     auto& fields = topic.fields.emplace();
     google::protobuf::util::FieldMaskUtil::FromString(text.substr(space + 1), &fields);
@@ -148,7 +171,7 @@ std::optional<proto::ArmState> Publisher::state() const {
 void Publisher::describe(std::uint64_t id, const std::string& description) {
   const std::lock_guard lock(mutex_);
   descriptions_[id] = description;
-  if (id > kDescriptionsKept) descriptions_.erase(id - kDescriptionsKept);
+  if (descriptions_.size() > kDescriptionsKept) descriptions_.erase(descriptions_.begin());
 }
 
 }  // namespace server

@@ -7,13 +7,14 @@
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
-#include <unordered_map>
 #include <zmq.hpp>
 
 #include "frankapy/proto/state.pb.h"
 #include "realtime/door.hpp"
+#include "server/sockets.hpp"
 
 namespace server {
 
@@ -23,7 +24,8 @@ class Gripper;
 // loses states; nobody waits for it.
 //
 // What is subscribed to says which states: "1" all, "10" one in ten, "10 robot.q,robot.dq,phase" these fields of it. A message is
-// that text, a zero byte, and the ArmState.
+// that text, a zero byte, and the ArmState. Subscriptions are bounded: who has one too many for the server, or one that is longer
+// than any that makes sense, loses the connection.
 class Publisher {
  public:
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
@@ -47,10 +49,12 @@ class Publisher {
     std::string prefix;
     std::uint64_t every = 1;
     std::optional<google::protobuf::FieldMask> fields;
+    int wanted = 1;  // by a subscription with the zero byte, one without it, or both
   };
 
   void run();
   void take_subscriptions();
+  void refuse(const std::string& text);
   static std::optional<Topic> parse(const std::string& text);
   void publish(const realtime::Record& record);
   void add_rest(const realtime::Record& record, frankapy::proto::ArmState& state) const;
@@ -59,13 +63,16 @@ class Publisher {
   Gripper* gripper_;
   zmq::socket_t socket_;
   std::string endpoint_;
+  std::optional<ConnectionLimit> connections_;
   std::map<std::string, Topic> topics_;
+  std::set<std::string> unserved_;  // subscriptions that nothing is published to
+  std::uint64_t refused_ = 0;
   frankapy::proto::ArmState message_, part_;
   std::string bytes_;
 
   mutable std::mutex mutex_;
   std::optional<realtime::Record> newest_;
-  std::unordered_map<std::uint64_t, std::string> descriptions_;
+  std::map<std::uint64_t, std::string> descriptions_;
 
   std::atomic<bool> quit_{false};
   std::thread thread_;

@@ -8,7 +8,6 @@
 #include "server/clocks.hpp"
 #include "server/registry.hpp"
 #include "server/sensor_samples.hpp"
-#include "server/sockets.hpp"
 #include "wire/proto/validation.hpp"
 
 namespace server {
@@ -33,6 +32,7 @@ SensorHub::SensorHub(zmq::context_t& context, const std::string& listen, std::ui
   socket_.set(zmq::sockopt::rcvhwm, kReceiveQueue);
   socket_.set(zmq::sockopt::maxmsgsize, kMaxSensorMessage);
   endpoint_ = server::bind(socket_, listen, port);
+  connections_.emplace(context, socket_);
   thread_ = std::thread([this] { run(); });
 }
 
@@ -68,6 +68,7 @@ void SensorHub::run() {
   while (!quit_) {
     zmq::pollitem_t item{socket_.handle(), 0, ZMQ_POLLIN, 0};
     zmq::poll(&item, 1, kWait);
+    connections_->look();
     zmq::message_t frame;
     while (!quit_ && socket_.recv(frame, zmq::recv_flags::dontwait)) {
       if (frame.more()) {

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "frankapy/proto/service.pb.h"
 #include "realtime/sensor_input.hpp"
 #include "server/journal.hpp"
+#include "server/sockets.hpp"
 
 namespace server {
 
@@ -62,6 +64,7 @@ class SensorHub {
   Journal& journal_;  // gets every message that can be read, also those that are then dropped
   zmq::socket_t socket_;
   std::string endpoint_;
+  std::optional<ConnectionLimit> connections_;
 
   mutable std::mutex mutex_;
   std::vector<Listener> listeners_;

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <set>
 #include <string>
 #include <zmq.hpp>
 
@@ -11,5 +13,30 @@ std::string bind(zmq::socket_t& socket, const std::string& listen, std::uint16_t
 
 // Port of "tcp://address:port"; 0 when there is none.
 std::uint16_t port_of(const std::string& endpoint);
+
+// Ends the connection `fd` of a socket that is bound to `endpoint`; nothing where that number stands for something else by now.
+void hang_up(int fd, const std::string& endpoint);
+
+// How many connections a socket of this program may have: 512, or what its limit of open files leaves.
+std::size_t most_connections();
+
+// Keeps the connections of a bound socket below a number, so that clients do not use up the program's open files: ends those
+// that come beyond it. For the thread of the socket.
+class ConnectionLimit {
+ public:
+  ConnectionLimit(zmq::context_t& context, zmq::socket_t& socket, std::size_t most = most_connections());
+  ~ConnectionLimit();
+
+  // Looks at what came and went; many times a second.
+  void look();
+
+ private:
+  zmq::socket_t& socket_;
+  const std::string endpoint_;
+  const std::size_t most_;
+  zmq::socket_t events_;
+  std::set<int> connections_;  // file descriptors
+  std::uint64_t ended_ = 0;
+};
 
 }  // namespace server

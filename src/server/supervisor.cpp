@@ -14,6 +14,7 @@
 #include <cstdio>
 #include <future>
 #include <memory>
+#include <optional>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -235,6 +236,7 @@ class Supervisor {
           "cannot listen on {}:{} ({}): does another franka-interface run? Stop it, or choose another --port",
           config.listen, config.port, error.what()));
     }
+    connections_.emplace(context_, socket_);
     for (std::size_t i = 0; i < config.arms.size(); ++i) {
       children_.push_back(std::make_unique<Child>(config, static_cast<int>(i), toml, arguments));
     }
@@ -270,6 +272,7 @@ class Supervisor {
         return EXIT_FAILURE;  // by ~Child
       }
       zmq::poll(items, kTick);
+      connections_->look();
       if (items[1].revents != 0 && !stopping) {
         spdlog::info("stopping: the arms brake and finish");
         stopping = true;
@@ -322,6 +325,7 @@ class Supervisor {
   const std::string listen_;
   zmq::context_t context_;
   zmq::socket_t socket_;
+  std::optional<ConnectionLimit> connections_;
   std::vector<std::unique_ptr<Child>> children_;
 };
 

@@ -1,8 +1,11 @@
 #include "server/transport.hpp"
 
+#include <google/protobuf/io/coded_stream.h>
 #include <google/protobuf/stubs/logging.h>
 #include <spdlog/spdlog.h>
 
+#include <array>
+#include <optional>
 #include <utility>
 
 #include "server/convert.hpp"
@@ -22,7 +25,12 @@ constexpr std::int64_t kMaxMessage = 8 << 20;  // bytes, more than two minutes o
 constexpr std::size_t kMaxClients = 1024;  // remembered
 constexpr std::size_t kMaxResults = 256;   // remembered
 constexpr std::size_t kMaxQueue = 256;
-constexpr int kMessagesPerRound = 64;
+constexpr int kMessagesPerRound = 256;
+constexpr std::size_t kMostWaiting = 1024;                 // requests; further ones are refused
+constexpr std::size_t kMostWaitingBytes = 64 << 20;        // likewise
+constexpr int kMessagesAhead = 64;                         // taken from a client's connection before they are looked at
+constexpr std::size_t kShort = 16 << 10;                   // bytes of a request that is read at once
+constexpr auto kHandlingTime = std::chrono::microseconds(200);  // then it is looked again for what is urgent
 constexpr auto kBusyWait = std::chrono::milliseconds(1);
 constexpr auto kIdleWait = std::chrono::milliseconds(20);
 
@@ -37,6 +45,38 @@ std::string version_name(const proto::Hello& hello) {
     }
   }
   return "none";
+}
+
+struct Head {
+  std::optional<std::uint64_t> request_id;
+  proto::Request::CallCase call = proto::Request::CALL_NOT_SET;  // or it cannot be seen so soon
+};
+
+// What the first fields of a request say: what is urgent is found without reading the rest, which may be megabytes.
+Head head_of(const zmq::message_t& frame) {
+  constexpr int kFields = 4;  // a request has two
+  google::protobuf::io::CodedInputStream in(frame.data<std::uint8_t>(), static_cast<int>(frame.size()));
+  Head head;
+  for (int field = 0; field < kFields; ++field) {
+    const std::uint32_t tag = in.ReadTag();
+    const int number = static_cast<int>(tag >> 3);
+    std::uint64_t value;
+    std::uint32_t size;
+    if (tag == 0) return head;
+    switch (tag & 7) {
+      case 0:
+        if (!in.ReadVarint64(&value)) return head;
+        if (number == proto::Request::kRequestIdFieldNumber) head.request_id = value;
+        break;
+      case 2:
+        if (!in.ReadVarint32(&size) || !in.Skip(static_cast<int>(size))) return head;
+        head.call = static_cast<proto::Request::CallCase>(number);  // the last one counts
+        break;
+      default: return head;
+    }
+  }
+  if (in.ReadTag() != 0) head.call = proto::Request::CALL_NOT_SET;
+  return head;
 }
 
 std::vector<std::string> kinds_of(const proto::Skill& skill) {
@@ -68,24 +108,36 @@ std::string explain(const realtime::RecoveryResult& result) {
                      fci::name(result.status));
 }
 
+std::string set_up(zmq::socket_t& socket, const std::string& listen, std::uint16_t port) {
+  socket.set(zmq::sockopt::linger, 200);
+  socket.set(zmq::sockopt::maxmsgsize, kMaxMessage);
+  socket.set(zmq::sockopt::rcvhwm, kMessagesAhead);
+  // A client that comes back under its old identity goes on where it was.
+  socket.set(zmq::sockopt::router_handover, true);
+  return bind(socket, listen, port);
+}
+
 }  // namespace
 
 Transport::Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
                      Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
                      WallStore walls)
+    : Transport(context, listen, port, door, publisher, sensors, recorder, gripper, std::move(walls), Options()) {}
+
+Transport::Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+                     Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
+                     WallStore walls, Options options)
     : door_(door),
       publisher_(publisher),
       sensors_(sensors),
       recorder_(recorder),
       gripper_(gripper),
       socket_(context, zmq::socket_type::router),
+      endpoint_(set_up(socket_, listen, port)),
+      connections_(context, socket_),
+      options_(std::move(options)),
       walls_(std::move(walls)) {
   google::protobuf::SetLogHandler(nullptr);  // it writes a line for whatever it cannot read
-  socket_.set(zmq::sockopt::linger, 200);
-  socket_.set(zmq::sockopt::maxmsgsize, kMaxMessage);
-  // A client that comes back under its old identity goes on where it was.
-  socket_.set(zmq::sockopt::router_handover, true);
-  endpoint_ = bind(socket_, listen, port);
 }
 
 Transport::~Transport() {
@@ -96,11 +148,14 @@ Transport::~Transport() {
 void Transport::run(const std::atomic<bool>& quit) {
   while (!quit) {
     const bool busy = !running_.empty() || !gripping_.empty() || !recovering_.empty() || changing_;
-    zmq::pollitem_t item{socket_.handle(), 0, ZMQ_POLLIN, 0};
-    zmq::poll(&item, 1, busy ? kBusyWait : kIdleWait);
-    now_ = clock_.now();
+    std::array<zmq::pollitem_t, 2> items = {{{socket_.handle(), 0, ZMQ_POLLIN, 0}, {nullptr, workbench_.fd(), ZMQ_POLLIN, 0}}};
+    zmq::poll(items, !waiting_.empty() ? std::chrono::milliseconds(0) : busy ? kBusyWait : kIdleWait);
+    now_ = options_.clock ? options_.clock() : clock_.now();
+    connections_.look();
     take_disconnection();
     receive();
+    handle_waiting();
+    workbench_.take_finished();
     take_results();
     take_changes();
     hand_on_queued();
@@ -130,17 +185,46 @@ void Transport::receive() {
       count_garbage(fmt::format("a message of {} frames (expected one)", frames));
       continue;
     }
-    handle(identity.to_string(), frame);
+    take(identity, frame);
   }
 }
 
-void Transport::handle(const std::string& identity, const zmq::message_t& frame) {
-  if (const auto client = clients_.find(identity); client != clients_.end()) {
-    client->second.last_heard = now_;
+// What is urgent is done now; the rest waits for its turn.
+void Transport::take(zmq::message_t& identity, zmq::message_t& frame) {
+  Waiting waiting{identity.to_string(), std::move(frame), 0};
+  if (const auto client = clients_.find(waiting.client); client != clients_.end()) client->second.last_heard = now_;
+  const Head head = head_of(waiting.frame);
+  if (head.call == proto::Request::kStopSkill && waiting.frame.size() <= kShort) return handle(waiting);
+  if (waiting_.size() >= kMostWaiting || waiting_bytes_ + waiting.frame.size() > kMostWaitingBytes) {
+    if (!head.request_id) return count_garbage("what came faster than it could be read");
+    return send_error({waiting.client, *head.request_id}, proto::Error::BUSY,
+                      fmt::format("{} requests wait already: send fewer at a time", waiting_.size()));
   }
+  if (head.call == proto::Request::kStartSkill || head.call == proto::Request::CALL_NOT_SET) waiting.skill = ++last_skill_;
+  waiting_bytes_ += waiting.frame.size();
+  waiting_.push_back(std::move(waiting));
+}
+
+void Transport::handle_waiting() {
+  const auto until = Clock::now() + kHandlingTime;
+  while (!waiting_.empty()) {
+    const Waiting next = std::move(waiting_.front());
+    waiting_.pop_front();
+    waiting_bytes_ -= next.frame.size();
+    if (next.frame.size() > kShort) {
+      read_on_workbench(next);
+    } else {
+      handle(next);
+    }
+    if (Clock::now() > until) return;
+  }
+}
+
+void Transport::handle(const Waiting& waiting) {
+  const zmq::message_t& frame = waiting.frame;
   proto::Request request;
   const bool readable = request.ParsePartialFromArray(frame.data(), static_cast<int>(frame.size()));
-  const Address from{identity, request.request_id()};
+  const Address from{waiting.client, request.request_id()};
   if (!request.has_request_id()) {
     count_garbage(fmt::format("{} bytes that are no Request with a request_id", frame.size()));
     return;
@@ -154,7 +238,67 @@ void Transport::handle(const std::string& identity, const zmq::message_t& frame)
     return;
   }
   try {
-    answer(from, request);
+    if (request.call_case() == proto::Request::kHello) return hello(from, request.hello());
+    known(from);
+    wire::validate(request);
+    answer(from, request, waiting.skill);
+  } catch (...) {
+    refuse(from, std::current_exception());
+  }
+}
+
+// As handle(), but for what would take longer than what is urgent may wait.
+void Transport::read_on_workbench(const Waiting& waiting) {
+  struct Read {
+    Address from;
+    std::string bytes;
+    proto::Request request;
+  };
+  const Head head = head_of(waiting.frame);
+  if (!head.request_id) return count_garbage(fmt::format("{} bytes that are no Request with a request_id", waiting.frame.size()));
+  const Address from{waiting.client, *head.request_id};
+  try {
+    known(from);
+    const auto read = std::make_shared<Read>(Read{from, waiting.frame.to_string(), {}});
+    put_on_workbench(
+        from,
+        [read] {
+          if (!read->request.ParsePartialFromString(read->bytes)) {
+            throw Refused(proto::Error::INVALID_ARGUMENT,
+                          fmt::format("{} bytes that cannot be read as a Request: expected one message of service.proto in one frame",
+                                      read->bytes.size()));
+          }
+          wire::validate(read->request);
+        },
+        [this, read, skill = waiting.skill] { answer(read->from, read->request, skill); });
+  } catch (...) {
+    refuse(from, std::current_exception());
+  }
+}
+
+// `work` there, and if it does not throw `done` here; what either throws is answered.
+void Transport::put_on_workbench(const Address& from, std::function<void()> work, std::function<void()> done) {
+  if (at_workbench_.contains(from.client)) {
+    throw Refused(proto::Error::BUSY, "another request of this client is being looked at: wait for its answer");
+  }
+  const bool taken = workbench_.add({std::move(work), [this, from, done = std::move(done)](const std::exception_ptr& thrown) {
+                                       at_workbench_.erase(from.client);
+                                       try {
+                                         if (thrown) std::rethrow_exception(thrown);
+                                         done();
+                                       } catch (...) {
+                                         refuse(from, std::current_exception());
+                                       }
+                                     }});
+  if (!taken) {
+    throw Refused(proto::Error::BUSY, fmt::format("{} skills of other clients are being looked at: try again", Workbench::kMostJobs));
+  }
+  at_workbench_.insert(from.client);
+}
+
+void Transport::refuse(const Address& from, const std::exception_ptr& thrown) {
+  try {
+    std::rethrow_exception(thrown);
   } catch (const Refused& refused) {
     spdlog::debug("refused: {}", refused.what());
     send_error(from, refused.code, refused.what());
@@ -167,14 +311,11 @@ void Transport::handle(const std::string& identity, const zmq::message_t& frame)
   }
 }
 
-void Transport::answer(const Address& from, proto::Request& request) {
-  if (request.call_case() == proto::Request::kHello) return hello(from, request.hello());
-  known(from);
-  wire::validate(request);
+void Transport::answer(const Address& from, proto::Request& request, std::uint64_t skill) {
   switch (request.call_case()) {
     case proto::Request::kGetState: return get_state(from);
-    case proto::Request::kStartSkill: return start_skill(from, request.start_skill());
-    case proto::Request::kChangeSkill: return change_skill(from, request.change_skill());
+    case proto::Request::kStartSkill: return start_skill(from, request, skill);
+    case proto::Request::kChangeSkill: return change_skill(from, request);
     case proto::Request::kListTopics: return list_topics(from);
     case proto::Request::kRecord: return record(from, request.record());
     case proto::Request::kChangeWalls: return change_walls(from, request.change_walls());
@@ -228,16 +369,27 @@ void Transport::get_state(const Address& from) {
   send(from, reply);
 }
 
-void Transport::start_skill(const Address& from, const proto::StartSkill& start) {
+void Transport::start_skill(const Address& from, proto::Request& request, std::uint64_t id) {
+  auto build = std::make_shared<Build>();
+  const Before before = this->before(from, request.start_skill());
+  build->from = from;
+  build->connection = require_connection();
+  build->message = request.start_skill().skill();
+  build->skill_id = id;
+  if (before.queued) build->after = running_.at(request.start_skill().after()).goal;
+  build->request = std::move(request);
+  put_on_workbench(std::move(build), &Transport::begin_skill);
+}
+
+// Throws Refused where a skill of this client cannot be started now.
+Transport::Before Transport::before(const Address& from, const proto::StartSkill& start) const {
   require_lease(from);
-  const Connection connection = require_connection();
-  const auto now = publisher_.newest();
-  if (!now) throw Refused(proto::Error::NOT_READY, "no state of the robot yet: try again");
-  if (now->phase == realtime::Phase::kError) {
+  const realtime::Record now = require_state();
+  if (now.phase == realtime::Phase::kError) {
     throw Refused(proto::Error::NOT_READY,
-                  fmt::format("the robot takes no motion: {}. Clear what caused it, then recover", errors_of(now->state)));
+                  fmt::format("the robot takes no motion: {}. Clear what caused it, then recover", errors_of(now.state)));
   }
-  if (now->phase == realtime::Phase::kRecovering) {
+  if (now.phase == realtime::Phase::kRecovering) {
     throw Refused(proto::Error::NOT_READY, "the robot is recovering from an error: wait until that is done");
   }
   const std::uint64_t last = !running_.empty() && running_.rbegin()->second.starter.client == from.client
@@ -262,41 +414,56 @@ void Transport::start_skill(const Address& from, const proto::StartSkill& start)
     throw Refused(proto::Error::BUSY, fmt::format("{} skills are queued already: wait for one to end", queue_.size()));
   }
   const bool queued = after != 0 && after == last;
-  auto skill = connection.builder->build(start.skill(), *now, queued ? &running_.at(after).goal : nullptr);
+  return {queued, !queued && after != 0 && ended->second.ending() != proto::TERMINATED};
+}
 
+// One that is built. Meanwhile another client may have taken the lease, or the skill before it may have ended.
+void Transport::begin_skill(Build& build) {
+  const Address& from = build.from;
+  const proto::StartSkill& start = build.request.start_skill();
+  const Before before = this->before(from, start);
   take_lease(from);
-  const std::uint64_t id = ++last_skill_;
-  skill->id = id;
-  if (queued) skill->after = after;
+  auto skill = std::move(build.skill);
+  const std::uint64_t id = skill->id = build.skill_id;
+  if (before.queued) skill->after = start.after();
   skill->blend = start.blend();
   Running running{from, kinds_of(start.skill()), skill->trajectory->goal(), start.skill(), skill->mode, skill->settings};
   publisher_.describe(id, start.skill().description());
   proto::SkillEvent event;
   *event.mutable_started() = start.skill();
   note(event, id, from);
-  if (!queued) cancel_queue(realtime::Ending::kPreempted);
+  if (!before.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
   sensors_.bind(id, sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations));
-  const bool cancelled = !queued && after != 0 && ended->second.ending() != proto::TERMINATED;
   std::unique_ptr<realtime::Skill> unread;
-  if (queued) {
+  if (before.queued) {
     queue_.push_back(std::move(skill));
     hand_on_queued();
-  } else if (!cancelled) {
+  } else if (!before.cancelled) {
     unread = door_.next.put(std::move(skill));
   }
   proto::Reply reply;
   reply.mutable_skill_started()->set_skill_id(id);
   send(from, reply);
-  if (cancelled) end_skill({.skill_id = id, .ending = realtime::Ending::kCancelled});
+  if (before.cancelled) end_skill({.skill_id = id, .ending = realtime::Ending::kCancelled});
   if (unread) end_skill({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});
 }
 
 // What the running skill is with other parts, of which only these are handed to the loop.
-void Transport::change_skill(const Address& from, const proto::ChangeSkill& change) {
+void Transport::change_skill(const Address& from, proto::Request& request) {
+  auto build = std::make_shared<Build>();
+  build->from = from;
+  build->message = changed(from, request.change_skill());
+  build->connection = require_connection();
+  build->path = request.change_skill().has_trajectory();
+  build->request = std::move(request);
+  put_on_workbench(std::move(build), &Transport::begin_change);
+}
+
+// What the skill is then. Throws Refused where it cannot be changed now.
+proto::Skill Transport::changed(const Address& from, const proto::ChangeSkill& change) const {
   require_lease(from);
-  const Connection connection = require_connection();
-  const auto now = publisher_.newest();
+  require_state();
   const auto running = running_.find(change.skill_id());
   if (running == running_.end() || running->second.starter.client != from.client) {
     throw Refused(proto::Error::INVALID_ARGUMENT,
@@ -312,34 +479,61 @@ void Transport::change_skill(const Address& from, const proto::ChangeSkill& chan
   if (change.has_trajectory()) *message.mutable_trajectory() = change.trajectory();
   if (change.has_controller()) *message.mutable_controller() = change.controller();
   if (!change.terminations().empty()) *message.mutable_terminations() = change.terminations();
-  auto skill = connection.builder->build(message, now.value(), nullptr, change.has_trajectory());
-  if (!(skill->settings == running->second.settings)) {
+  return message;
+}
+
+void Transport::begin_change(Build& build) {
+  const proto::ChangeSkill& change = build.request.change_skill();
+  changed(build.from, change);
+  const Running& running = running_.at(change.skill_id());
+  realtime::Skill& skill = *build.skill;
+  if (!(skill.settings == running.settings)) {
     throw Refused(proto::Error::INVALID_ARGUMENT,
                   "the robot takes other settings (its own stiffness, collision behaviour) at rest only: preempt the skill instead");
   }
   auto parts = std::make_unique<realtime::Change>();
   parts->skill_id = change.skill_id();
-  parts->numbers = skill->numbers;
-  changing_ = Changing{from, change.skill_id(), std::move(message), running->second.goal, {}};
+  parts->numbers = skill.numbers;
+  changing_ = Changing{build.from, change.skill_id(), std::move(build.message), running.goal, {}};
   const auto listen = [this](const realtime::Part& part) {
     for (auto& input : part.sensor_inputs()) changing_->inputs.push_back(std::move(input));
   };
   if (change.has_trajectory()) {
-    changing_->goal = skill->trajectory->goal();
-    listen(*skill->trajectory);
-    parts->trajectory = std::move(skill->trajectory);
+    changing_->goal = skill.trajectory->goal();
+    listen(*skill.trajectory);
+    parts->trajectory = std::move(skill.trajectory);
   }
   if (change.has_controller()) {
-    listen(*skill->controller);
-    parts->controller = std::move(skill->controller);
+    listen(*skill.controller);
+    parts->controller = std::move(skill.controller);
   }
   if (!change.terminations().empty()) {
-    for (const auto& termination : skill->terminations) listen(*termination);
-    parts->terminations = std::move(skill->terminations);
+    for (const auto& termination : skill.terminations) listen(*termination);
+    parts->terminations = std::move(skill.terminations);
     parts->changes_terminations = true;
   }
   sensors_.bind(change.skill_id(), changing_->inputs);
   door_.change.put(std::move(parts));
+}
+
+// Builds it there, and goes on with it here, where the robot is the same still.
+void Transport::put_on_workbench(std::shared_ptr<Build> build, void (Transport::*go_on)(Build&)) {
+  const Address from = build->from;
+  put_on_workbench(
+      from,
+      [this, build] {
+        SkillBuilder& builder = *build->connection.builder;
+        const auto& walls = *build->connection.walls;
+        builder.keep_from(std::make_unique<realtime::Walls>(walls.walls), walls.names);
+        build->skill = builder.build(build->message, require_state(), build->after ? &*build->after : nullptr, build->path);
+      },
+      [this, build, go_on] {
+        known(build->from);
+        if (require_connection().builder != build->connection.builder) {
+          throw Refused(proto::Error::NOT_READY, "the robot was connected anew meanwhile: try again");
+        }
+        (this->*go_on)(*build);
+      });
 }
 
 void Transport::take_changes() {
@@ -393,11 +587,11 @@ void Transport::change_walls(const Address& from, const proto::ChangeWalls& chan
   send(from, reply);
 }
 
-// To the loop and to the builder, where there are any.
+// To the loop and to the builder, where there are any. With mutex_ locked.
 void Transport::hand_on_walls() {
   if (connection_.builder == nullptr) return;
   auto walls = walls_.make(models::arm(connection_.welcome.model()), gripper_ != nullptr);
-  connection_.builder->keep_from(std::make_unique<realtime::Walls>(*walls), walls_);
+  connection_.walls = std::make_shared<const WallsForBuilder>(WallsForBuilder{*walls, walls_});
   door_.walls.put(std::move(walls));
 }
 
@@ -572,7 +766,7 @@ void Transport::take_disconnection() {
 void Transport::connected(std::shared_ptr<SkillBuilder> builder, const proto::Welcome& welcome) {
   std::unique_lock lock(mutex_);
   settled_.wait_for(lock, std::chrono::seconds(1), [this] { return !disconnected_; });
-  connection_ = {std::move(builder), welcome, ""};
+  connection_ = {std::move(builder), nullptr, welcome, ""};
   hand_on_walls();
 }
 
@@ -581,6 +775,12 @@ void Transport::disconnected(const std::string& why) {
   disconnected_ = disconnected_ || connection_.builder != nullptr;
   connection_.builder = nullptr;
   connection_.why_not = why;
+}
+
+realtime::Record Transport::require_state() const {
+  const auto now = publisher_.newest();
+  if (!now) throw Refused(proto::Error::NOT_READY, "no state of the robot yet: try again");
+  return *now;
 }
 
 Transport::Connection Transport::require_connection() const {
@@ -610,7 +810,7 @@ Transport::Client& Transport::known(const Address& from) {
   return client->second;
 }
 
-void Transport::require_lease(const Address& from) {
+void Transport::require_lease(const Address& from) const {
   if (commander_.empty() || commander_ == from.client) return;
   const auto holder = clients_.find(commander_);
   throw Refused(proto::Error::BUSY,
@@ -627,7 +827,7 @@ void Transport::take_lease(const Address& from) {
 void Transport::expire_lease() {
   if (commander_.empty()) return;
   const auto holder = clients_.find(commander_);
-  if (holder != clients_.end() && now_ - holder->second.last_heard < kLeaseTime) return;
+  if (holder != clients_.end() && now_ - holder->second.last_heard < options_.lease_time) return;
   if (holder != clients_.end()) spdlog::info("{} is silent: the arm is free", holder->second.name);
   if (!running_.empty()) recorder_.keep("a-client-is-gone");  // in the middle of its skill
   commander_.clear();

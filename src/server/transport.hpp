@@ -4,10 +4,13 @@
 #include <chrono>
 #include <condition_variable>
 #include <deque>
+#include <exception>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -16,8 +19,10 @@
 #include "frankapy/proto/service.pb.h"
 #include "realtime/door.hpp"
 #include "server/skill_builder.hpp"
+#include "server/sockets.hpp"
 #include "server/wall_store.hpp"
 #include "server/wakeful_clock.hpp"
+#include "server/workbench.hpp"
 
 namespace server {
 
@@ -28,14 +33,23 @@ class SensorHub;
 
 // The arm's side of service.proto: a ROUTER which answers any number of clients, of which one at a time
 // has the lease and may command. It is taken with the first command, and freed by Goodbye or when the
-// client is silent for kLeaseTime; a skill of a client that is gone runs on, and the next commander's
+// client is silent for Options::lease_time; a skill of a client that is gone runs on, and the next commander's
 // preempts it. Whatever arrives, it goes on: what cannot be read is counted, logged and, where it has a
 // request_id, answered.
+//
+// Nothing slow stands in front of what is urgent: of all that has arrived StopSkill comes first, and what takes long (reading a
+// large request, building a skill) is done on a workbench, one request of a client at a time.
 class Transport {
  public:
-  static constexpr std::chrono::milliseconds kLeaseTime{800};
+  struct Options {
+    std::chrono::milliseconds lease_time{800};  // of a client's silence, after which its lease is free
+    std::function<std::chrono::steady_clock::duration()> clock = {};  // for that; none: a WakefulClock
+  };
 
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
+  Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+            Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
+            WallStore walls, Options options);
   Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
             Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
             WallStore walls = WallStore({}));
@@ -57,6 +71,7 @@ class Transport {
   std::uint64_t rounds() const { return rounds_.load(std::memory_order_relaxed); }
   // Messages that could not be read or were none of service.proto.
   std::uint64_t garbage() const { return garbage_.load(std::memory_order_relaxed); }
+  const Workbench& workbench() const { return workbench_; }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -84,19 +99,58 @@ class Transport {
     realtime::Reference goal;
     std::vector<std::shared_ptr<realtime::SensorInput>> inputs;
   };
+  // Arrived and not dealt with yet.
+  struct Waiting {
+    std::string client;
+    zmq::message_t frame;
+    std::uint64_t skill;  // the id of the skill that it may start: given on arrival, so that a Stop behind it stops it too
+  };
+  // The walls as a builder gets them.
+  struct WallsForBuilder {
+    realtime::Walls walls;
+    WallStore names;
+  };
   struct Connection {
-    std::shared_ptr<SkillBuilder> builder;  // null: not connected
+    std::shared_ptr<SkillBuilder> builder;  // null: not connected; the workbench's to use
+    std::shared_ptr<const WallsForBuilder> walls;
     frankapy::proto::Welcome welcome;
     std::string why_not = "the robot is being connected";
   };
 
+  // A skill on the workbench, and what it is for.
+  struct Build {
+    Address from;
+    frankapy::proto::Request request;
+    Connection connection;
+    frankapy::proto::Skill message;  // of ChangeSkill: what the skill will be
+    std::uint64_t skill_id = 0;
+    std::optional<realtime::Reference> after;  // the end of the one before, where that is queued behind
+    bool path = true;
+    std::unique_ptr<realtime::Skill> skill;
+  };
+  // What a skill to start finds before it.
+  struct Before {
+    bool queued = false;     // it waits for a skill that runs
+    bool cancelled = false;  // the skill that it was to wait for did not end by itself
+  };
+
   void receive();
-  void handle(const std::string& identity, const zmq::message_t& frame);
-  void answer(const Address& from, frankapy::proto::Request& request);
+  void take(zmq::message_t& identity, zmq::message_t& frame);
+  void handle_waiting();
+  void handle(const Waiting& waiting);
+  void read_on_workbench(const Waiting& waiting);
+  void put_on_workbench(const Address& from, std::function<void()> work, std::function<void()> done);
+  void put_on_workbench(std::shared_ptr<Build> build, void (Transport::*go_on)(Build&));
+  void answer(const Address& from, frankapy::proto::Request& request, std::uint64_t skill);
+  void refuse(const Address& from, const std::exception_ptr& thrown);
   void hello(const Address& from, const frankapy::proto::Hello& hello);
   void get_state(const Address& from);
-  void start_skill(const Address& from, const frankapy::proto::StartSkill& start);
-  void change_skill(const Address& from, const frankapy::proto::ChangeSkill& change);
+  void start_skill(const Address& from, frankapy::proto::Request& request, std::uint64_t id);
+  Before before(const Address& from, const frankapy::proto::StartSkill& start) const;
+  void begin_skill(Build& build);
+  void change_skill(const Address& from, frankapy::proto::Request& request);
+  frankapy::proto::Skill changed(const Address& from, const frankapy::proto::ChangeSkill& change) const;
+  void begin_change(Build& build);
   void list_topics(const Address& from);
   void record(const Address& from, const frankapy::proto::Record& record);
   void change_walls(const Address& from, const frankapy::proto::ChangeWalls& change);
@@ -118,7 +172,8 @@ class Transport {
 
   void note(frankapy::proto::SkillEvent& event, std::uint64_t skill, const Address& from);
   Client& known(const Address& from);
-  void require_lease(const Address& from);
+  void require_lease(const Address& from) const;
+  realtime::Record require_state() const;
   void take_lease(const Address& from);
   void expire_lease();
   Connection require_connection() const;
@@ -136,11 +191,15 @@ class Transport {
   Gripper* gripper_;
   zmq::socket_t socket_;
   std::string endpoint_;
+  ConnectionLimit connections_;
+  const Options options_;
 
+  std::deque<Waiting> waiting_;
+  std::size_t waiting_bytes_ = 0;
   std::unordered_map<std::string, Client> clients_;  // by identity
   std::string commander_;                            // identity; empty: the lease is free
   std::uint64_t last_skill_ = 0;
-  std::map<std::uint64_t, Running> running_;               // by id; those that are queued as well
+  std::map<std::uint64_t, Running> running_;  // by id; those that are queued as well
   std::deque<std::unique_ptr<realtime::Skill>> queue_;     // not at the door yet
   std::map<std::uint64_t, frankapy::proto::SkillResult> results_;  // the newest ones
   std::optional<Changing> changing_;
@@ -158,6 +217,8 @@ class Transport {
   Clock::time_point garbage_told_{};
   WakefulClock clock_{std::chrono::milliseconds(100)};
   Clock::duration now_{};  // by it, in this round
+  std::set<std::string> at_workbench_;  // identities of clients
+  Workbench workbench_;                 // goes first, as its jobs use the rest
 };
 
 }  // namespace server

@@ -673,6 +673,17 @@ TEST_F(LoopTest, UserStopWhileStartingEndsTheSkill) {
   EXPECT_EQ(results[0].robot_mode, fci::RobotMode::kUserStopped);
 }
 
+TEST_F(LoopTest, AUserStopIsNotTheReflexBeforeIt) {
+  give_internal();
+  ASSERT_TRUE(until(Phase::kRunning));
+  robot.state.reflex_reason[static_cast<std::size_t>(fci::Error::kJointReflex)] = true;  // of the last one, which the robot keeps
+  robot.user_stop();
+  ASSERT_TRUE(until_result(5));
+  EXPECT_EQ(results[0].ending, Ending::kRobotError);
+  EXPECT_EQ(results[0].robot_mode, fci::RobotMode::kUserStopped);
+  EXPECT_FALSE(fci::any(results[0].errors)) << fci::names(results[0].errors);
+}
+
 TEST_F(LoopTest, RefusedRecoveryIsReported) {
   robot.reflex(fci::Error::kJointReflex);
   ASSERT_TRUE(until(Phase::kError, 5));

@@ -19,7 +19,7 @@ namespace testing_tools {
 using Bytes = std::vector<std::byte>;
 
 // A robot or hand that does what its test says, byte by byte, over real sockets on a loopback address of
-// its own. A call that waits gives up after two seconds and fails the test.
+// its own. A call that waits gives up after 20 seconds and fails the test.
 class ScriptedServer {
  public:
   explicit ScriptedServer(std::uint16_t port) : port_(port) {
@@ -123,8 +123,8 @@ class ScriptedServer {
   }
   static bool wait(int fd) {
     pollfd wanted{fd, POLLIN, 0};
-    if (fd >= 0 && ::poll(&wanted, 1, 2000) > 0) return true;
-    ADD_FAILURE() << "nothing came within two seconds";
+    if (fd >= 0 && ::poll(&wanted, 1, 20000) > 0) return true;
+    ADD_FAILURE() << "nothing came within 20 seconds";
     return false;
   }
 

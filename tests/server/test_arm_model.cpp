@@ -7,6 +7,10 @@
 namespace server {
 namespace {
 
+std::string renamed(const std::string& urdf, const std::string& name) {
+  return std::regex_replace(urdf, std::regex("<robot name=\"[^\"]*\""), "<robot name=\"" + name + "\"");
+}
+
 TEST(ArmModel, OlderRobotsAreKnownByTheirProtocol) {
   EXPECT_EQ(choose_model(5, "", "auto").arm->name, "fer");
   EXPECT_EQ(choose_model(6, "", "auto").arm->name, "fr3");
@@ -21,9 +25,9 @@ TEST(ArmModel, NewerRobotsSayWhatTheyAre) {
     EXPECT_TRUE(chosen.urdf == urdf);
     EXPECT_EQ(chosen.warning, "");
     // Under a name of its own it is known by its inertia.
-    const std::string renamed = std::regex_replace(urdf, std::regex("<robot name=\"[^\"]*\""), "<robot name=\"r2d2\"");
-    ASSERT_NE(renamed, urdf);
-    EXPECT_EQ(choose_model(10, renamed, "auto").arm->name, arm.name);
+    const std::string other = renamed(urdf, "r2d2");
+    ASSERT_NE(other, urdf);
+    EXPECT_EQ(choose_model(10, other, "auto").arm->name, arm.name);
   }
 }
 
@@ -38,23 +42,84 @@ TEST(ArmModel, ADescriptionThatCannotBeUsedIsReplacedAndToldOf) {
   }
 }
 
-TEST(ArmModel, TheConfigurationGoesFirstAndIsChecked) {
+TEST(ArmModel, TheConfigurationSaysWhatTheRobotDoesNot) {
   const std::string urdf = models::urdf(models::arm("fr3"), 10);
   EXPECT_EQ(choose_model(10, urdf, "fr3").warning, "");
-  const ArmModel other = choose_model(10, urdf, "fr3v2");
+  // Protocol 6 says that it is an FR3, not which.
+  EXPECT_EQ(choose_model(6, "", "fr3v2").arm->name, "fr3v2");
+  EXPECT_EQ(choose_model(6, "", "fr3v2").warning, "");
+  // A robot under a name of its own is known by its inertia, which may be wrong.
+  const ArmModel other = choose_model(10, renamed(urdf, "r2d2"), "fr3v2");
   EXPECT_EQ(other.arm->name, "fr3v2");
   EXPECT_TRUE(other.urdf == models::urdf(models::arm("fr3v2"), 10));
   EXPECT_NE(other.warning.find("fr3v2"), std::string::npos);
-  // Protocol 6 says that it is an FR3, not which.
-  EXPECT_EQ(choose_model(6, "", "fr3v2").warning, "");
-  EXPECT_NE(choose_model(6, "", "fer").warning, "");
+}
+
+TEST(ArmModel, AConfigurationThatTheRobotContradictsIsRefused) {
+  const auto refusal = [](fci::Version version, const std::string& urdf, const std::string& configured) -> std::string {
+    try {
+      choose_model(version, urdf, configured);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "taken";
+  };
+  const std::string fr3 = models::urdf(models::arm("fr3"), 10);
+  for (const std::string text : {refusal(5, "", "fr3"), refusal(5, "", "fr3v2"), refusal(6, "", "fer"), refusal(10, "", "fer"),
+                                 refusal(10, fr3, "fer"), refusal(10, fr3, "fr3v2"), refusal(10, renamed(fr3, "r2d2"), "fer"),
+                                 refusal(8, models::urdf(models::arm("fr3v2"), 8), "fr3")}) {
+    EXPECT_NE(text.find("limits and masses of another arm would apply. Set model = \"auto\""), std::string::npos) << text;
+  }
+  EXPECT_NE(refusal(5, "", "fr3").find("model = \"fr3\", and the robot (protocol version 5) is Franka Emika Robot"), std::string::npos);
+}
+
+// What a URDF says of joint 4, and what becomes of the limits.
+models::Limits limits_with(const std::string& what, double value) {
+  const std::string urdf = models::urdf(models::arm("fr3"), 10);
+  const auto joint = urdf.find("<limit", urdf.find("\"joint4\"")), from = urdf.find(what + "=\"", joint) + what.size() + 2;
+  ArmModel model;
+  model.arm = &models::arm("fr3");
+  model.urdf = urdf.substr(0, from) + std::to_string(value) + urdf.substr(urdf.find('"', from));
+  return scaled_limits(model, 10, ArmConfig());
+}
+
+TEST(ArmModel, LimitsAreTheNarrowerOfTheRobotsAndTheTables) {
+  const models::Limits& table = models::limits(models::arm("fr3"), 10);
+  EXPECT_DOUBLE_EQ(limits_with("lower", -3.0).q_min[3], -3.0);
+  EXPECT_DOUBLE_EQ(limits_with("upper", -0.5).q_max[3], -0.5);
+  EXPECT_DOUBLE_EQ(limits_with("velocity", 1.5).dq_max[3], 1.5);
+  EXPECT_DOUBLE_EQ(limits_with("effort", 50).tau_max[3], 50);
+  // The velocity towards the end of the range goes with it.
+  EXPECT_NEAR(limits_with("upper", -0.5).dq_upper(3, -0.7), table.dq_upper(3, table.q_max[3] - 0.2), 1e-12);
+  EXPECT_LT(limits_with("upper", -0.5).dq_upper(3, -0.7), table.dq_upper(3, -0.7));
+
+  // Nothing wider than the table, and nothing of what is no bound.
+  EXPECT_EQ(limits_with("lower", -4.0).q_min, table.q_min);
+  EXPECT_EQ(limits_with("upper", 4.0).q_max, table.q_max);
+  for (const double no_bound : {0.0, 100.0, -1.0, double(NAN), double(INFINITY)}) {
+    EXPECT_EQ(limits_with("velocity", no_bound).dq_max, table.dq_max) << no_bound;
+    EXPECT_EQ(limits_with("effort", no_bound).tau_max, table.tau_max) << no_bound;
+  }
+  EXPECT_EQ(limits_with("lower", NAN).q_min, table.q_min);
+  EXPECT_EQ(limits_with("lower", 5.0).q_min, table.q_min) << "above upper";
+  EXPECT_EQ(limits_with("upper", -3.5).q_max, table.q_max) << "below lower";
+}
+
+TEST(ArmModel, ARangeThatThisArmCannotHaveIsRefused) {
+  std::string urdf = models::urdf(models::arm("fr3"), 10);
+  const auto joint = urdf.find("\"joint6\""), lower = urdf.find("lower=\"", joint), velocity = urdf.find("velocity=", joint);
+  urdf.replace(lower, velocity - lower, "lower=\"-1.5\" upper=\"0.1\" ");
+  ArmModel model;
+  model.arm = &models::arm("fr3");
+  model.urdf = urdf;
+  EXPECT_THROW(scaled_limits(model, 10, ArmConfig()), std::invalid_argument);
 }
 
 TEST(ArmModel, LimitsAreScaledAsConfigured) {
   ArmConfig config;
   config.limits = {0.5, 0.25, 0.1};
-  const auto& arm = models::arm("fer");
-  const models::Limits full = models::limits(arm, 5), scaled = scaled_limits(arm, 5, config);
+  const ArmModel model = choose_model(5, "", "auto");
+  const models::Limits full = models::limits(*model.arm, 5), scaled = scaled_limits(model, 5, config);
   EXPECT_DOUBLE_EQ(scaled.dq_max[3], 0.5 * full.dq_max[3]);
   EXPECT_DOUBLE_EQ(scaled.ddq_max[3], 0.25 * full.ddq_max[3]);
   EXPECT_DOUBLE_EQ(scaled.translation.jerk, 0.1 * full.translation.jerk);

@@ -116,6 +116,8 @@ TEST(Convert, AResultSaysWhatHappenedAndWhatToDo) {
   EXPECT_EQ(text({.ending = realtime::Ending::kStopped}), "");
   realtime::SkillResult error{.ending = realtime::Ending::kRobotError, .time = 1.25};
   EXPECT_NE(text(error).find("recover"), std::string::npos);
+  realtime::SkillResult stopped{.ending = realtime::Ending::kRobotError, .time = 1.25, .robot_mode = fci::RobotMode::kUserStopped};
+  EXPECT_EQ(text(stopped), "the user stop was pressed after 1.250 s: release it, then recover (automatic error recovery)");
   error.errors[6] = true;
   EXPECT_NE(text(error).find("after 1.250 s with joint_reflex"), std::string::npos) << text(error);
   realtime::SkillResult refused{.ending = realtime::Ending::kRefused, .status = fci::Status::kInvalidArgument};
@@ -138,6 +140,19 @@ TEST(Convert, AResultSaysWhatHappenedAndWhatToDo) {
   EXPECT_EQ(text(error).find("One step of"), std::string::npos) << "which is not late";
   error.errors[static_cast<std::size_t>(fci::Error::kCommunicationConstraints)] = true;
   EXPECT_NE(text(error).find("One step of the controller CartesianImpedance took 30 ms"), std::string::npos) << text(error);
+}
+
+TEST(Convert, WhatTheArmWaitsForIsNoOlderReflex) {
+  fci::RobotState state;
+  state.reflex_reason[6] = true;  // of the last reflex, which the robot keeps
+  state.robot_mode = fci::RobotMode::kUserStopped;
+  EXPECT_EQ(errors_of(state), "user stop is pressed");
+  state.robot_mode = fci::RobotMode::kGuiding;
+  EXPECT_EQ(errors_of(state), "the arm is being guided by hand");
+  state.robot_mode = fci::RobotMode::kReflex;
+  EXPECT_EQ(errors_of(state), "joint_reflex");
+  state.errors[7] = true;
+  EXPECT_EQ(errors_of(state), "cartesian_reflex");
 }
 
 }  // namespace
