@@ -107,6 +107,9 @@ void Cell::receive_commands() {
   for (auto& station : stations_) station->command = nullptr;
   if (!lockstep_) return pace();
   serve();
+  for (auto& station : stations_) {
+    if (station->robot.asynchronous()) station->command = station->robot_server.receive();
+  }
   if (!awaited()) {
     // A command whose loss is known is not waited for.
     const bool lost = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {

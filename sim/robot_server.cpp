@@ -193,29 +193,36 @@ const fci::RobotCommand* RobotServer::receive(int flags) {
     if (command) return command;
   }
   std::array<std::byte, fci::kMaxCommandSize> datagram;
+  const fci::RobotCommand* newest = nullptr;
   for (int i = 0; i < kMaxDatagrams && !in_vain_; ++i) {
     const ssize_t size = ::recv(udp_.fd(), datagram.data(), datagram.size(), flags | MSG_TRUNC);
     if (size < 0) {
       if (errno == ECONNREFUSED) continue;  // an earlier state found the client's port closed
-      return nullptr;
+      return newest;
     }
     if (static_cast<std::size_t>(size) == command_size_) {
       const std::span<const std::byte> whole(datagram.data(), command_size_);
       if (robot_.moving() && held_up(whole)) continue;
-      if (const auto* command = take(whole)) return command;
+      if (const auto* command = take(whole)) {
+        if (!robot_.asynchronous()) return command;
+        newest = command;
+      }
     } else if (!refused_datagram_) {
       refused_datagram_ = true;
       spdlog::warn("robot: {} sent a datagram of {} bytes, where a command has {}: it is ignored, as will be others",
                    client().name(), size, command_size_);
     }
   }
-  return nullptr;
+  return newest;
 }
 
 const fci::RobotCommand* RobotServer::take(std::span<const std::byte> datagram) {
+  fci::RobotCommand command;
   fci::Reader reader(version_, datagram.data());
-  walk(reader, command_);
-  return robot_.takes(command_) ? &command_ : nullptr;
+  walk(reader, command);
+  if (!robot_.takes(command)) return nullptr;
+  command_ = command;
+  return &command_;
 }
 
 // Whether the network keeps back this command, for a time or for good.

@@ -258,8 +258,20 @@ TEST(Session, MotionsThatNoVersionHasAreRefused) {
     fci::Move nan;
     nan.maximum_path_deviation.rotation = kNan;
     EXPECT_EQ(client.ask(nan), Status::kInvalidArgument);
+    const auto refused_asynchronous = [&](fci::Move move) {
+      move.use_async_motion_generator = true;
+      EXPECT_EQ(client.ask(move), Status::kInvalidArgument);
+    };
     if (version == 10) {
-      EXPECT_EQ(client.ask(fci::Move{.use_async_motion_generator = true}), Status::kInvalidArgument);
+      const fci::Vector7 slow = {0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5};
+      refused_asynchronous({});
+      refused_asynchronous({.motion_generator_mode = Mode::kJointVelocity, .maximum_velocity = slow});
+      refused_asynchronous({.controller_mode = C::kExternal, .maximum_velocity = slow});
+      for (const double velocity : {0., -0.5, 2.63, kNan}) {
+        fci::Move move{.maximum_velocity = slow};
+        move.maximum_velocity[3] = velocity;
+        refused_asynchronous(move);
+      }
     }
     EXPECT_TRUE(RawClient::idle(client.newest()));
   }
