@@ -27,6 +27,8 @@ constexpr std::array<Arm, 3> kArms = {{
     Arm{
         .name = "fer",
         .title = "Franka Emika Robot (Panda)",
+        .oldest_version = 5,
+        .newest_version = 5,
         .joints = kJointFrames,
         .links = {{
             {0.629769,
@@ -58,6 +60,8 @@ constexpr std::array<Arm, 3> kArms = {{
     Arm{
         .name = "fr3",
         .title = "Franka Research 3",
+        .oldest_version = 6,
+        .newest_version = 10,
         .joints = kJointFrames,
         .links = {{
             {2.3966,
@@ -89,6 +93,8 @@ constexpr std::array<Arm, 3> kArms = {{
     Arm{
         .name = "fr3v2",
         .title = "Franka Research 3, second version",
+        .oldest_version = 6,
+        .newest_version = 10,
         .joints = kJointFrames,
         .links = {{
             {3.85,

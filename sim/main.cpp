@@ -82,10 +82,11 @@ std::vector<sim::Cell::Options> cells(const Options& options) {
 }
 
 int run(const Options& options) {
+  sim::WallClock clock;
   std::vector<std::unique_ptr<sim::Cell>> running;
   std::vector<std::unique_ptr<sim::ControlServer>> channels;
   std::vector<sim::Cell::Options> all = cells(options);
-  for (const auto& cell : all) running.push_back(std::make_unique<sim::Cell>(cell));
+  for (const auto& cell : all) running.push_back(std::make_unique<sim::Cell>(cell, clock));
   for (std::size_t i = 0; i < all.size(); ++i) {
     for (std::size_t arm = 0; arm < all[i].arms.size(); ++arm) {
       const in_addr address = all[i].arms[arm].address;
@@ -144,7 +145,7 @@ int main(int argc, char** argv) {
                  "IPv4 address of the first arm, the next have those that follow; the ports are the robot's: 1337, and "
                  "1338 for the hand")
       ->capture_default_str();
-  app.add_option("--protocol", options.protocol, "version to speak; auto: each client's own")
+  app.add_option("--protocol", options.protocol, "version to speak; auto: those that systems of the arm spoke: 5 of FER, 6 to 10 of FR3")
       ->check(CLI::IsMember(protocols))
       ->capture_default_str();
   app.add_flag("--lockstep", options.lockstep, "wait for each command of a motion instead of keeping real time");

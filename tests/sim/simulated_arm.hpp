@@ -1,22 +1,20 @@
 #pragma once
 
-#include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <signal.h>
-#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <random>
 #include <sstream>
 #include <string>
 #include <vector>
+
+#include "free_address.hpp"
 
 namespace testing_tools {
 
@@ -61,27 +59,7 @@ class SimulatedArm {
     return WIFEXITED(status_) ? WEXITSTATUS(status_) : -WTERMSIG(status_);
   }
 
-  static std::string free_address() {
-    static std::mt19937 random{std::random_device{}()};
-    std::uniform_int_distribution<> part(1, 254);
-    for (;;) {
-      const std::string address =
-          "127." + std::to_string(part(random)) + "." + std::to_string(part(random)) + "." + std::to_string(part(random));
-      if (is_free(address, 1337) && is_free(address, 1338)) return address;
-    }
-  }
-
  private:
-  static bool is_free(const std::string& address, std::uint16_t port) {
-    sockaddr_in own{};
-    own.sin_family = AF_INET;
-    own.sin_port = htons(port);
-    ::inet_pton(AF_INET, address.c_str(), &own.sin_addr);
-    const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
-    const bool bound = ::bind(fd, reinterpret_cast<sockaddr*>(&own), sizeof own) == 0;
-    ::close(fd);
-    return bound;
-  }
   static std::filesystem::path make_folder() {
     std::string name = (std::filesystem::temp_directory_path() / "fci-sim.XXXXXX").string();
     return ::mkdtemp(name.data());
