@@ -12,6 +12,7 @@
 
 #include "sim/cell.hpp"
 #include "sim/control/control_server.hpp"
+#include "sim/priority.hpp"
 
 namespace {
 
@@ -102,12 +103,17 @@ int run(const Options& options) {
                   options.lockstep ? "lockstep" : "real time");
     }
   }
+  // Lockstep waits for its clients, whatever priority they have; an arm in a hurry may never sleep, and must not keep
+  // everybody else from running.
+  const bool prior = !options.lockstep && options.speed <= 1;
+  if (prior) std::printf("fci-sim: %s\n", sim::take_priority().c_str());
   std::puts("fci-sim: ready");
   std::fflush(stdout);
 
   std::vector<std::exception_ptr> failures(running.size());
   std::vector<std::thread> threads;
   const auto run_cell = [&](std::size_t i) {
+    if (prior) sim::take_priority();
     try {
       running[i]->run(stopped);
     } catch (...) {

@@ -36,7 +36,19 @@ class SimulatedArm {
   SimulatedArm(const SimulatedArm&) = delete;
 
   const std::string& address() const { return address_; }
+  // Of the arm after it, where there are several.
+  std::string next_address() const {
+    const auto dot = address_.rfind('.');
+    return address_.substr(0, dot + 1) + std::to_string(std::stoi(address_.substr(dot + 1)) + 1);
+  }
+  pid_t process() const { return process_; }
   const std::string& ready_line() const { return ready_line_; }
+  // What else it says before it is ready.
+  std::string until_ready() {
+    std::string said;
+    for (char byte = 0; !said.ends_with("ready\n") && ::read(out_, &byte, 1) == 1;) said += byte;
+    return said;
+  }
 
   // What it said on stderr.
   std::string log() const {

@@ -1,6 +1,10 @@
 // Connecting to the simulated arm, its requests and their answers, and what is no client at all.
 
+#include <sched.h>
+
 #include <algorithm>
+#include <filesystem>
+#include <thread>
 
 #include "models/arm.hpp"
 #include "raw_client.hpp"
@@ -324,6 +328,41 @@ TEST(WallTimeProgram, SaysWhatItIsWhenItIsReadyAndEndsCleanly) {
   EXPECT_NE(arm.ready_line().find(arm.address() + ":1337"), std::string::npos);
   EXPECT_NE(arm.ready_line().find("protocol 5, lockstep"), std::string::npos);
   EXPECT_EQ(arm.terminate(), 0);
+}
+
+// Its threads' priorities, as the kernel has them.
+std::vector<int> real_time_priorities(pid_t process) {
+  std::vector<int> priorities;
+  for (const auto& thread : std::filesystem::directory_iterator("/proc/" + std::to_string(process) + "/task")) {
+    const pid_t id = std::stoi(thread.path().filename());
+    sched_param parameters{};
+    if ((::sched_getscheduler(id) & ~SCHED_RESET_ON_FORK) != SCHED_FIFO) continue;
+    if (::sched_getparam(id, &parameters) == 0) priorities.push_back(parameters.sched_priority);
+  }
+  return priorities;
+}
+
+TEST(WallTimeProgram, TakesAPriorityAboveItsClientsWhereThatIsPermittedAndSaysSo) {
+  const int highest = ::sched_get_priority_max(SCHED_FIFO);
+  bool permitted = false;
+  std::thread([&] {
+    const sched_param parameters{.sched_priority = highest};
+    permitted = ::sched_setscheduler(0, SCHED_FIFO, &parameters) == 0;
+  }).join();
+  {
+    SimulatedArm arm({"--arms", "2"});
+    const std::string said = arm.until_ready();
+    EXPECT_NE(said.find(permitted ? "fci-sim: priority " + std::to_string(highest) : "no real-time priority"),
+              std::string::npos)
+        << said;
+    RawClient client(arm.address(), 10);  // the arms' loops run
+    RawClient second(arm.next_address(), 10);
+    EXPECT_EQ(real_time_priorities(arm.process()), std::vector<int>(permitted ? 2 : 0, highest));
+  }
+  SimulatedArm arm({"--lockstep"});
+  EXPECT_EQ(arm.until_ready().find("priority"), std::string::npos);
+  RawClient client(arm.address(), 10);
+  EXPECT_TRUE(real_time_priorities(arm.process()).empty());
 }
 
 TEST(WallTimeProgram, RefusesInOneLineWhatItCannotDo) {
