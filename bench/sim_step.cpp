@@ -58,7 +58,8 @@ void command(const std::string& address) try {
 int main() {
   const models::Arm& arm = models::arm("fr3");
   const std::string address = bench::some_address();
-  sim::Poller poller;
+  sim::WallClock clock;
+  sim::Poller poller(clock);
   sim::World world({.arm = &arm, .more_arms = {}, .scene = REPOSITORY_DIR "/sim/scenes/table_with_blocks.xml"});
   sim::Robot robot(arm);
   sim::Gripper gripper;
@@ -73,14 +74,14 @@ int main() {
     std::int64_t begin;
     const fci::RobotCommand* received = nullptr;
     do {
-      begin = sim::Clock::now();
+      begin = clock.now();
       if (poller.ready() || server->due()) server->serve();
       received = server->receive();
     } while (robot.awaits_command() && received == nullptr);
     world.step(robot.control(received), gripper.control(world.truth().finger));
     robot.sense(world.truth());
     server->publish(0);
-    const double us = 1e-3 * static_cast<double>(sim::Clock::now() - begin);
+    const double us = 1e-3 * static_cast<double>(clock.now() - begin);
     if (!robot.awaits_command()) {
       if (fci::any(robot.state().errors)) break;
       ::usleep(1000);  // the client gets ready

@@ -30,7 +30,7 @@ struct Datagrams {
   std::vector<std::uint64_t> numbers;
 };
 
-// Everything that comes to a socket until `end` (ns, Clock::now()), by when it came.
+// Everything that comes to a socket until `end` (ns, WallClock), by when it came.
 Datagrams collect(int socket, std::int64_t end) {
   const int on = 1, room = 1 << 24;
   const timeval patience{0, 100'000};
@@ -38,7 +38,7 @@ Datagrams collect(int socket, std::int64_t end) {
   ::setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &room, sizeof room);
   ::setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
   Datagrams all;
-  while (sim::Clock::now() < end) {
+  while (sim::WallClock().now() < end) {
     std::uint64_t number = 0;
     alignas(cmsghdr) char control[256];
     iovec data{&number, sizeof number};
@@ -68,7 +68,7 @@ pid_t start_timer(const sockaddr_in& to) {
   const int socket = ::socket(AF_INET, SOCK_DGRAM, 0);
   ::connect(socket, reinterpret_cast<const sockaddr*>(&to), sizeof to);
   std::array<char, 1377> datagram{};  // as long as a state
-  std::int64_t deadline = sim::Clock::now();
+  std::int64_t deadline = sim::WallClock().now();
   for (std::uint64_t number = 0;; ++number) {
     deadline += kSecond / 1000;
     const timespec until{deadline / kSecond, deadline % kSecond};
@@ -143,7 +143,7 @@ int main() {
   ::getsockname(plain, reinterpret_cast<sockaddr*>(&own), &size);
   const pid_t timer = start_timer(own);
 
-  const std::int64_t end = sim::Clock::now() + (kSeconds + 1) * kSecond;
+  const std::int64_t end = sim::WallClock().now() + (kSeconds + 1) * kSecond;
   Datagrams bare;
   std::thread other([&] { bare = collect(plain, end); });
   const Datagrams states = collect(client.udp(), end);

@@ -72,6 +72,8 @@ inline constexpr double kElbowFlip = -0.467002423653011;
 struct Arm {
   std::string_view name;   // "fer", "fr3", "fr3v2"
   std::string_view title;  // for people
+  // Of the wire protocol: what the systems of this arm have spoken, of the versions that we speak.
+  std::uint16_t oldest_version, newest_version;
   std::array<JointFrame, 8> joints;  // joint1..joint7, then the fixed flange (joint8)
   std::array<Link, 8> links;         // link0..link7
 };

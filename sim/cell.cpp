@@ -7,11 +7,10 @@
 namespace sim {
 namespace {
 
-// A client that falls silent in lockstep holds up one cycle for this long; then the cycle has lost its command. Twenty
-// of them end the motion, and a client which waits for a state for a second must not give up meanwhile.
-constexpr std::int64_t kSilence = 250'000'000;  // ns
-// Where runs are to be the same, nothing but a client that is gone may cost a cycle.
-constexpr std::int64_t kLongSilence = 700'000'000;  // ns
+// Where runs are to be the same, nothing but a client that is gone may cost a cycle: so many tenths of the patience.
+constexpr std::int64_t kLonger = 28;
+
+const volatile std::sig_atomic_t kNever = 0;
 
 World::Options world_options(const Cell::Options& options) {
   World::Options world;
@@ -29,8 +28,15 @@ Cell::Station::Station(const Options& options, std::size_t index, Poller& poller
       robot_server(*options.arms[index].model, options.arms[index].address, options.version, robot, poller),
       gripper_server(options.arms[index].address, gripper, poller) {}
 
-Cell::Cell(const Options& options)
-    : lockstep_(options.lockstep), world_(world_options(options)), clock_(options.speed), time_(options.time) {
+Cell::Cell(const Options& options, Clock& clock)
+    : lockstep_(options.lockstep),
+      patience_(options.patience),
+      clock_(clock),
+      poller_(clock),
+      world_(world_options(options)),
+      pace_(clock, options.speed),
+      stopped_(&kNever),
+      time_(options.time) {
   for (std::size_t i = 0; i < options.arms.size(); ++i) {
     Station& station = *stations_.emplace_back(std::make_unique<Station>(options, i, poller_));
     if (!options.arms[i].truth.empty()) station.truth.emplace(options.arms[i].truth, world_);
@@ -42,11 +48,11 @@ Cell::Cell(const Options& options)
 
 void Cell::run(const volatile std::sig_atomic_t& stopped) {
   stopped_ = &stopped;
-  clock_.restart();
+  pace_.restart();
   while (!stopped) run_cycle();
-  if (clock_.late() > 0) {
-    spdlog::info("{} cycles of {} were late by this computer's fault, the worst by {:.1f} ms", clock_.late(),
-                 stations_.front()->robot.state().message_id, 1e3 * clock_.worst_delay());
+  if (pace_.late() > 0) {
+    spdlog::info("{} cycles of {} were late by this computer's fault, the worst by {:.1f} ms", pace_.late(),
+                 stations_.front()->robot.state().message_id, 1e3 * pace_.worst_delay());
   }
 }
 
@@ -71,7 +77,7 @@ void Cell::run_cycle() {
     } else if (time_ != Time::kPaused || station.robot.state().robot_mode != fci::RobotMode::kMove) {
       station.robot.stand_still();
     }  // else a motion waits, and its client with it: it gets the same state again, as a sign of life
-    station.robot_server.publish(lockstep_ ? 0 : clock_.period());
+    station.robot_server.publish(lockstep_ ? 0 : pace_.period());
     station.gripper_server.publish();
   }
   if (goes_on) world_.settle();  // while the clients have their state already
@@ -79,7 +85,7 @@ void Cell::run_cycle() {
     Station& station = *stations_[i];
     if (station.truth) station.truth->append(world_, i, cycle_, station.robot.moving());
   }
-  clock_.done();
+  pace_.done();
 }
 
 // Whether the world has another cycle.
@@ -105,49 +111,52 @@ bool Cell::awaited() const {
 
 void Cell::receive_commands() {
   for (auto& station : stations_) station->command = nullptr;
-  if (!lockstep_) return pace();
+  if (!lockstep_) return keep_pace();
   serve();
+  for (auto& station : stations_) {
+    if (station->robot.asynchronous()) station->command = station->robot_server.receive();
+  }
   if (!awaited()) {
     // A command whose loss is known is not waited for.
     const bool lost = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
       return station->robot.awaits_command() && station->robot_server.in_vain();
     });
-    return lost && goes_on() ? clock_.restart() : pace();
+    return lost && goes_on() ? pace_.restart() : keep_pace();
   }
-  wait_for_commands(time_ == Time::kBetweenMotionsPaused ? kLongSilence : kSilence);
+  wait_for_commands(time_ == Time::kBetweenMotionsPaused ? kLonger * patience_ / 10 : patience_);
   const bool came = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
     return station->command || station->robot.awaits_command();
   });
   // Otherwise the motion was stopped, or its client has gone: from here on time is the wall's again.
-  came ? clock_.restart() : pace();
+  came ? pace_.restart() : keep_pace();
 }
 
-void Cell::pace() {
+void Cell::keep_pace() {
   for (auto& station : stations_) {
     while (const auto due = station->robot_server.next_delayed()) {
-      if (lockstep_ || *due >= clock_.next()) break;
-      clock_.wait_until(*due);
+      if (lockstep_ || *due >= pace_.next()) break;
+      pace_.wait_until(*due);
       station->robot_server.send_delayed(*due);
     }
   }
   // When the simulator itself was late, clients on the same computer were held up as well, and have had their state late:
   // they still have as long as a cycle is.
-  const bool late = clock_.wait();
+  const bool late = pace_.wait();
   serve();
   if (time_ == Time::kPaused && steps_ == 0) return;  // what came stays where it is
   for (auto& station : stations_) {
     if (!station->command) station->command = station->robot_server.receive();
   }
-  const std::int64_t patience = std::max(late ? clock_.period() : 0, clock_.grace() - Clock::now());
+  const std::int64_t patience = std::max(late ? pace_.period() : 0, pace_.grace() - clock_.now());
   if (patience > 0 && awaited()) wait_for_commands(patience);
 }
 
 void Cell::wait_for_commands(std::int64_t patience) {
-  const std::int64_t until = Clock::now() + patience;
+  const std::int64_t until = clock_.now() + patience;
   for (auto& station : stations_) {
     while (awaited(*station) && !*stopped_) {
-      station->command = station->robot_server.wait();
-      if (station->command || Clock::now() > until) break;
+      station->command = station->robot_server.wait(until);
+      if (station->command || clock_.now() >= until) break;
       serve();
     }
   }
@@ -159,8 +168,8 @@ void Cell::serve() {
     if (ready || station->robot_server.due()) station->robot_server.serve();
     if (ready || station->gripper_server.due()) station->gripper_server.serve();
   }
-  const std::int64_t before = Clock::now();
-  if (mailbox_.serve()) clock_.postpone(Clock::now() - before);
+  const std::int64_t before = clock_.now();
+  if (mailbox_.serve()) pace_.postpone(clock_.now() - before);
 }
 
 // --- time -----------------------------------------------------------------------------------------------------

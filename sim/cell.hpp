@@ -3,15 +3,16 @@
 #include <csignal>
 #include <memory>
 
-#include "sim/clock.hpp"
 #include "sim/gripper_server.hpp"
 #include "sim/mailbox.hpp"
+#include "sim/pace.hpp"
 #include "sim/robot_server.hpp"
 #include "sim/truth_file.hpp"
 
 namespace sim {
 
-// One world with one or several arms in it, its time, and the loop that runs them; a thread of its own.
+// One world with one or several arms in it, its time, and the loop that runs them; a thread of its own, or the one of
+// whoever asks for its cycles.
 class Cell {
  public:
   struct Arm {
@@ -21,21 +22,28 @@ class Cell {
   };
   enum class Time { kRuns, kBetweenMotionsPaused, kPaused };
   struct Options {
-    std::vector<Arm> arms;
-    std::string scene;
-    std::optional<fci::Version> version;  // the only one to speak; empty: each client's own
+    std::vector<Arm> arms = {};
+    std::string scene = {};
+    std::optional<fci::Version> version = {};  // the only one to speak; empty: any that systems of the arm spoke
     bool lockstep = false;
     bool ideal = false;
     double speed = 1;
     std::uint64_t seed = 1;  // of the first arm; the next have the next
     Time time = Time::kRuns;
+    // ns for which a cycle in lockstep waits for its command, which then is lost; nearly three times that where time
+    // stands still between motions. Twenty of them end a motion, and a client which waits for a state for a second must
+    // not give up meanwhile.
+    std::int64_t patience = 250'000'000;
   };
 
-  // Throws std::runtime_error which says what is wrong with a scene, an address or a file.
-  explicit Cell(const Options& options);
+  // Its time is the clock's, which must outlive it. Throws std::runtime_error which says what is wrong with a scene, an
+  // address or a file.
+  Cell(const Options& options, Clock& clock);
 
   // Until `stopped`. Throws std::runtime_error when the disk takes no more truth.
   void run(const volatile std::sig_atomic_t& stopped);
+  // One, which begins when the clock says so or its commands are there.
+  void run_cycle();
   // Nothing is done any more that is asked for.
   void close() { mailbox_.close(); }
 
@@ -52,7 +60,7 @@ class Cell {
   World& world() { return world_; }
   Robot& robot(std::size_t arm) { return stations_[arm]->robot; }
   Network& network(std::size_t arm) { return stations_[arm]->robot_server.network(); }
-  const Clock& clock() const { return clock_; }
+  const Pace& pace() const { return pace_; }
   // Of the world's life, counted as message_id is: 1 is the state before the first.
   std::uint64_t cycle() const { return cycle_; }
 
@@ -83,10 +91,9 @@ class Cell {
     std::vector<std::pair<Robot, Gripper>> arms;
   };
 
-  void run_cycle();
   void receive_commands();
   void wait_for_commands(std::int64_t patience);
-  void pace();
+  void keep_pace();
   void serve();
   bool awaited(const Station& station) const;
   bool awaited() const;
@@ -94,13 +101,15 @@ class Cell {
   void require_rest(const char* wish) const;
 
   const bool lockstep_;
+  const std::int64_t patience_;
+  Clock& clock_;
   Poller poller_;
   World world_;
   std::vector<std::unique_ptr<Station>> stations_;
   std::vector<Drive> drives_;
-  Clock clock_;
+  Pace pace_;
   Mailbox mailbox_;
-  const volatile std::sig_atomic_t* stopped_ = nullptr;
+  const volatile std::sig_atomic_t* stopped_;
   std::uint64_t cycle_;
   Time time_;
   std::uint64_t steps_ = 0;

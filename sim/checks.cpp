@@ -119,6 +119,23 @@ std::optional<Error> Checks::values(const fci::RobotCommand& command) const {
   return std::nullopt;
 }
 
+bool Checks::possible(const fci::Vector7& maximum_velocity) const {
+  for (int i = 0; i < models::kJoints; ++i) {
+    if (!(maximum_velocity[i] > 0 && maximum_velocity[i] <= limits_->dq_max[i])) return false;
+  }
+  return true;
+}
+
+Errors Checks::target(const Vector7& q) const {
+  Errors errors{};
+  for (int i = 0; i < models::kJoints; ++i) {
+    const bool inside = q[i] >= limits_->q_min[i] && q[i] <= limits_->q_max[i];
+    raise(errors, Error::kJointPositionLimitsCommanded,
+          !(inside && limits_->dq_upper(i, q[i]) > 0 && limits_->dq_lower(i, q[i]) < 0));
+  }
+  return errors;
+}
+
 Errors Checks::first(const fci::RobotCommand& command, const Desired& at) const {
   Errors errors{};
   if (motion_.motion_generator_mode == Mode::kJointPosition) {

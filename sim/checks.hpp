@@ -33,6 +33,11 @@ class Checks {
   // at.
   std::optional<fci::Error> values(const fci::RobotCommand& command) const;
 
+  // Whether a motion may be asked to keep these velocities, rad/s; of the asynchronous generator.
+  bool possible(const fci::Vector7& maximum_velocity) const;
+  // A target of the asynchronous generator, rad: outside the range, or where FR3's velocity envelope is closed.
+  fci::Errors target(const Vector7& q) const;
+
   // The first command of a motion: far from where the arm is.
   fci::Errors first(const fci::RobotCommand& command, const Desired& at) const;
   // Elbow of a Cartesian command, before it is followed.

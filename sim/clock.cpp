@@ -1,57 +1,45 @@
 #include "sim/clock.hpp"
 
+#include <poll.h>
 #include <sys/prctl.h>
 
 #include <algorithm>
-#include <cmath>
+#include <ctime>
 
 namespace sim {
 namespace {
 
-constexpr std::int64_t kCycle = 1'000'000;      // ns
 constexpr std::int64_t kSecond = 1'000'000'000;  // ns
-constexpr std::int64_t kMakeUp = 4;              // cycles that make up for one
-constexpr std::int64_t kMostBehind = 100;        // cycles; a computer that is too slow never makes up for them
 
-void sleep_until(std::int64_t time) {
-  const timespec until{time / kSecond, time % kSecond};
-  ::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
+bool readable(int socket, std::int64_t timeout) {
+  pollfd wanted{socket, POLLIN, 0};
+  const timespec time{timeout / kSecond, timeout % kSecond};
+  return ::ppoll(&wanted, 1, &time, nullptr) != 0;
 }
 
 }  // namespace
 
-Clock::Clock(double speed)
-    : period_(std::llround(kCycle / speed)), tolerance_(period_ / 5), deadline_(now()), done_(deadline_) {
-  ::prctl(PR_SET_TIMERSLACK, 1);  // ns; 50 µs unless told
-}
-
-std::int64_t Clock::now() {
+std::int64_t WallClock::now() const {
   timespec time;
   ::clock_gettime(CLOCK_MONOTONIC, &time);
   return time.tv_sec * kSecond + time.tv_nsec;
 }
 
-bool Clock::wait() {
-  const std::int64_t sooner = std::min(behind_, period_ / kMakeUp);
-  behind_ -= sooner;
-  deadline_ += period_ - sooner;
-  sleep_until(deadline_);
-  return now() - deadline_ > tolerance_;
+void WallClock::sleep_until(std::int64_t time) {
+  thread_local const bool sharp = ::prctl(PR_SET_TIMERSLACK, 1) == 0;  // ns; 50 µs unless told
+  static_cast<void>(sharp);
+  const timespec until{time / kSecond, time % kSecond};
+  ::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr);
 }
 
-void Clock::wait_until(std::int64_t time) const {
-  if (time < next()) sleep_until(time);
-}
-
-void Clock::done() {
-  done_ = now();
-  const std::int64_t delay = done_ - deadline_;
-  if (delay <= tolerance_) return;
-  ++late_;
-  worst_ = std::max(worst_, delay);
-  if (delay < period_) return;
-  deadline_ = done_;
-  behind_ = std::min(behind_ + delay, kMostBehind * period_);
+void WallClock::wait_for(int socket, std::int64_t time) {
+  // Who is in a hurry answers sooner than a sleeping thread wakes.
+  constexpr std::int64_t kPolling = 100'000;  // ns
+  const std::int64_t begin = now();
+  for (std::int64_t until = std::min(time, begin + kPolling); now() < until;) {
+    if (readable(socket, 0)) return;
+  }
+  if (const std::int64_t left = time - now(); left > 0) readable(socket, left);
 }
 
 }  // namespace sim

@@ -45,7 +45,7 @@ File::~File() {
   if (fd_ >= 0) ::close(fd_);
 }
 
-Poller::Poller() : epoll_(::epoll_create1(EPOLL_CLOEXEC)) {}
+Poller::Poller(Clock& clock) : clock_(clock), epoll_(::epoll_create1(EPOLL_CLOEXEC)) {}
 
 void Poller::add(int fd) {
   epoll_event event{};
@@ -66,7 +66,7 @@ bool Connection::receive() {
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) return errno == EAGAIN;
     if (got == 0) return false;
-    if (in_.empty()) since_ = WallClock::now();
+    if (in_.empty()) since_ = clock_->now();
     in_.insert(in_.end(), buffer, buffer + got);
     // The rest comes with the next call: a client that never stops sending must not hold up the cycle.
     if (in_.size() >= sizeof buffer) return true;
@@ -75,7 +75,7 @@ bool Connection::receive() {
 
 void Connection::consume(std::size_t bytes) {
   in_.erase(in_.begin(), in_.begin() + static_cast<std::ptrdiff_t>(bytes));
-  since_ = WallClock::now();
+  since_ = clock_->now();
 }
 
 void Connection::send(std::span<const std::byte> bytes) {
@@ -115,7 +115,7 @@ std::optional<Connection> Listener::accept() {
   const int on = 1;
   ::setsockopt(socket.fd(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   poller_.add(socket.fd());
-  return Connection(std::move(socket), peer);
+  return Connection(std::move(socket), peer, poller_.clock());
 }
 
 File udp_socket(const in_addr& address, std::uint16_t port) {

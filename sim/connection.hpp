@@ -2,16 +2,15 @@
 
 #include <netinet/in.h>
 
-#include <chrono>
 #include <cstddef>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
-namespace sim {
+#include "sim/clock.hpp"
 
-using WallClock = std::chrono::steady_clock;
+namespace sim {
 
 // An open file of the system; closed with its owner.
 class File {
@@ -30,28 +29,32 @@ class File {
   int fd_ = -1;
 };
 
-// Tells in one cheap call whether anything happened on any TCP socket.
+// Tells in one cheap call whether anything happened on any TCP socket, and has the time that holds for all sockets.
 class Poller {
  public:
-  Poller();
+  explicit Poller(Clock& clock);
   void add(int fd);
   bool ready() const;
+  Clock& clock() const { return clock_; }
 
  private:
+  Clock& clock_;
   File epoll_;
 };
 
 // One client's TCP connection. Nothing blocks: what cannot be sent yet waits here.
 class Connection {
  public:
-  Connection(File socket, const sockaddr_in& peer) : socket_(std::move(socket)), peer_(peer) {}
+  Connection(File socket, const sockaddr_in& peer, const Clock& clock)
+      : socket_(std::move(socket)), peer_(peer), clock_(&clock), since_(clock.now()) {}
 
   // Takes in what has come. False when the connection is over.
   bool receive();
   std::span<const std::byte> received() const { return in_; }
   void consume(std::size_t bytes);
-  // When the oldest byte came that waits for the rest of its message; before the first one, when it connected.
-  WallClock::time_point since() const { return since_; }
+  // For how long (ns) the oldest byte has been waiting for the rest of its message; before the first one, since it
+  // connected.
+  std::int64_t waits() const { return clock_->now() - since_; }
 
   void send(std::span<const std::byte> bytes);
   // Sends on what had to wait. False when the connection is over, or its other end takes nothing any more.
@@ -65,7 +68,8 @@ class Connection {
   File socket_;
   sockaddr_in peer_;
   std::vector<std::byte> in_, out_;
-  WallClock::time_point since_ = WallClock::now();
+  const Clock* clock_;
+  std::int64_t since_;  // ns
 };
 
 // A TCP port that takes clients.

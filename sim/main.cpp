@@ -12,6 +12,7 @@
 
 #include "sim/cell.hpp"
 #include "sim/control/control_server.hpp"
+#include "sim/priority.hpp"
 
 namespace {
 
@@ -82,10 +83,11 @@ std::vector<sim::Cell::Options> cells(const Options& options) {
 }
 
 int run(const Options& options) {
+  sim::WallClock clock;
   std::vector<std::unique_ptr<sim::Cell>> running;
   std::vector<std::unique_ptr<sim::ControlServer>> channels;
   std::vector<sim::Cell::Options> all = cells(options);
-  for (const auto& cell : all) running.push_back(std::make_unique<sim::Cell>(cell));
+  for (const auto& cell : all) running.push_back(std::make_unique<sim::Cell>(cell, clock));
   for (std::size_t i = 0; i < all.size(); ++i) {
     for (std::size_t arm = 0; arm < all[i].arms.size(); ++arm) {
       const in_addr address = all[i].arms[arm].address;
@@ -101,12 +103,17 @@ int run(const Options& options) {
                   options.lockstep ? "lockstep" : "real time");
     }
   }
+  // Lockstep waits for its clients, whatever priority they have; an arm in a hurry may never sleep, and must not keep
+  // everybody else from running.
+  const bool prior = !options.lockstep && options.speed <= 1;
+  if (prior) std::printf("fci-sim: %s\n", sim::take_priority().c_str());
   std::puts("fci-sim: ready");
   std::fflush(stdout);
 
   std::vector<std::exception_ptr> failures(running.size());
   std::vector<std::thread> threads;
   const auto run_cell = [&](std::size_t i) {
+    if (prior) sim::take_priority();
     try {
       running[i]->run(stopped);
     } catch (...) {
@@ -144,7 +151,7 @@ int main(int argc, char** argv) {
                  "IPv4 address of the first arm, the next have those that follow; the ports are the robot's: 1337, and "
                  "1338 for the hand")
       ->capture_default_str();
-  app.add_option("--protocol", options.protocol, "version to speak; auto: each client's own")
+  app.add_option("--protocol", options.protocol, "version to speak; auto: those that systems of the arm spoke: 5 of FER, 6 to 10 of FR3")
       ->check(CLI::IsMember(protocols))
       ->capture_default_str();
   app.add_flag("--lockstep", options.lockstep, "wait for each command of a motion instead of keeping real time");

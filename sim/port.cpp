@@ -9,10 +9,8 @@
 namespace sim {
 namespace {
 
-using namespace std::chrono_literals;
-
-constexpr auto kPatience = 1s;          // for the rest of a message
-constexpr std::size_t kMaxWaiting = 8;  // connections that have not said Connect
+constexpr std::int64_t kPatience = 1'000'000'000;  // ns, for the rest of a message
+constexpr std::size_t kMaxWaiting = 8;             // connections that have not said Connect
 
 }  // namespace
 
@@ -57,7 +55,7 @@ bool Port::greet(Connection& newcomer) {
     }
   }
   if (in.size() < size) {
-    if (WallClock::now() - newcomer.since() < kPatience) return true;
+    if (newcomer.waits() < kPatience) return true;
     refuse(newcomer, "only " + std::to_string(in.size()) + " of the " + std::to_string(size) + " bytes of Connect came");
     return false;
   }
@@ -77,7 +75,7 @@ bool Port::greet(Connection& newcomer) {
 // One request, if all of it is there.
 bool Port::take_request() {
   const auto in = client_->received();
-  const bool late = WallClock::now() - client_->since() >= kPatience;
+  const bool late = client_->waits() >= kPatience;
   if (in.size() < header_size_) {
     if (!in.empty() && late) drop("was dropped: after " + std::to_string(in.size()) + " bytes of a message it fell silent");
     return false;

@@ -80,8 +80,10 @@ Status Robot::start(const fci::Move& request) {
       (generator == Mode::kNone && !torques)) {
     return Status::kInvalidArgument;
   }
-  // Of the asynchronous generator nothing is published that one could build it from.
-  if (request.use_async_motion_generator) return Status::kInvalidArgument;
+  const bool asynchronous = request.use_async_motion_generator;
+  if (asynchronous && (torques || generator != Mode::kJointPosition || !checks_.possible(request.maximum_velocity))) {
+    return Status::kInvalidArgument;
+  }
   for (const fci::Deviation& deviation : {request.maximum_path_deviation, request.maximum_goal_pose_deviation}) {
     if (!(deviation.translation > 0 && deviation.rotation > 0 && deviation.elbow > 0)) return Status::kInvalidArgument;
   }
@@ -92,11 +94,13 @@ Status Robot::start(const fci::Move& request) {
   motion_ = {};
   motion_.controller = controller;
   motion_.generator = generator;
+  motion_.asynchronous = asynchronous;
   motion_.accepted_at = state_.message_id;
   state_.reflex_reason = {};
   generator_.start(generator, desired_.q, F_T_EE_);
   desired_ = generator_.desired();
   checks_.start(request, external() ? model_ : generator_.model());
+  if (asynchronous) asynchronous_.start(checks_.limits(), desired_.q, request.maximum_velocity);
   last_command_ = {};
   put(desired_.q, last_command_.q_c);
   last_command_.O_T_EE_c = pose(desired_.O_T_EE_c);
@@ -184,6 +188,11 @@ void Robot::clear_errors() {
 bool Robot::takes(const fci::RobotCommand& command) {
   if (phase_ != Phase::kMoving || command.message_id <= motion_.accepted_at) return false;
   if (command.message_id > state_.message_id) return false;
+  if (motion_.asynchronous) {
+    if (command.message_id < motion_.echoed) return false;
+    motion_.echoed = command.message_id;
+    return true;
+  }
   motion_.begun = true;
   return command.message_id == state_.message_id;
 }
@@ -191,7 +200,9 @@ bool Robot::takes(const fci::RobotCommand& command) {
 void Robot::advance_phase(const fci::RobotCommand* command) {
   switch (phase_) {
     case Phase::kMoving:
-      if (command != nullptr) {
+      if (motion_.asynchronous) {
+        follow_target(command);
+      } else if (command != nullptr) {
         follow(*command);
       } else if (motion_.begun) {
         lose();
@@ -221,7 +232,7 @@ void Robot::advance_phase(const fci::RobotCommand* command) {
 }
 
 bool Robot::under_way() const {
-  return awaits_command() || phase_ == Phase::kStopping || phase_ == Phase::kGuiding || !desired_.dq.isZero(0);
+  return awaits_command() || asynchronous() || phase_ == Phase::kStopping || phase_ == Phase::kGuiding || !desired_.dq.isZero(0);
 }
 
 void Robot::stand_still() {
@@ -257,6 +268,24 @@ void Robot::follow(fci::RobotCommand command) {
   }
   const bool torques_alone = motion_.generator == Mode::kNone;
   if (command.motion_generation_finished || (torques_alone && command.torque_command_finished)) finish();
+}
+
+// The robot itself makes the motion, whether a new target has come or not.
+void Robot::follow_target(const fci::RobotCommand* command) {
+  count(true);  // there is none that could be lost
+  if (command != nullptr && command->motion_generation_finished) {
+    motion_.finishing = true;  // libfranka sends no target with it, but zeros
+  } else if (command != nullptr && !motion_.finishing) {
+    if (const auto error = checks_.values(*command)) {
+      reflex(*error, Status::kInputErrorAborted);
+      return;
+    }
+    if (reflex(checks_.target(vector(command->q_c)))) return;
+    asynchronous_.aim(command->q_c);
+  }
+  fci::RobotCommand next;
+  next.q_c = asynchronous_.step();
+  if (advance(&next) && motion_.finishing && asynchronous_.arrived()) finish();
 }
 
 // The robot goes on as it thinks that the client would have: constant acceleration, the same torque.

@@ -5,6 +5,7 @@
 
 #include "models/arm.hpp"
 #include "sim/arm_model.hpp"
+#include "sim/asynchronous_motion.hpp"
 #include "sim/checks.hpp"
 #include "sim/contact_detection.hpp"
 #include "sim/external_force.hpp"
@@ -76,10 +77,13 @@ class Robot {
   // --- the cycle ----------------------------------------------------------------------------------------------
 
   // Whether this is the command of the cycle that runs: it echoes the newest state, and that state is younger
-  // than the motion. Anything else is late, or meant for an earlier motion.
+  // than the motion. Anything else is late, or meant for an earlier motion. In an asynchronous motion the state may be
+  // any since the last command.
   bool takes(const fci::RobotCommand& command);
   // A motion whose client has begun to command it: from here on a cycle without a command has lost it.
-  bool awaits_command() const { return phase_ == Phase::kMoving && motion_.begun; }
+  bool awaits_command() const { return phase_ == Phase::kMoving && motion_.begun && !motion_.asynchronous; }
+  // A motion to the newest target, whose commands come when they come.
+  bool asynchronous() const { return phase_ == Phase::kMoving && motion_.asynchronous; }
 
   // Motor torques (N m) of the cycle; nullptr: no command came.
   Vector7 control(const fci::RobotCommand* command);
@@ -106,7 +110,10 @@ class Robot {
   struct Motion {
     fci::ControllerMode controller = fci::ControllerMode::kJointImpedance;
     fci::MotionGeneratorMode generator = fci::MotionGeneratorMode::kIdle;
+    bool asynchronous = false;
+    bool finishing = false;         // asynchronous: ends once it has arrived
     std::uint64_t accepted_at = 0;  // message_id of the state that was the newest
+    std::uint64_t echoed = 0;       // asynchronous: of the state that the last command answers
     bool begun = false;             // a command for it has been seen
     bool commanded = false;         // one has been followed
     int lost = 0;                   // consecutive cycles without a command
@@ -117,6 +124,7 @@ class Robot {
   bool external() const { return motion_.controller == fci::ControllerMode::kExternal; }
   void advance_phase(const fci::RobotCommand* command);
   void follow(fci::RobotCommand command);
+  void follow_target(const fci::RobotCommand* command);
   void lose();
   bool advance(const fci::RobotCommand* command);
   void count(bool received);
@@ -143,6 +151,7 @@ class Robot {
   ArmModel desired_model_;  // at the desired ones; kinematics only
   InternalController internal_;
   MotionGenerator generator_;
+  AsynchronousMotion asynchronous_;
 
   Settings settings_;
   Eigen::Matrix4d F_T_EE_;  // of the settings

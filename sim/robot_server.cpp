@@ -23,15 +23,6 @@ using fci::Status;
 constexpr int kMaxDatagrams = 64;  // looked at in one cycle
 constexpr std::int64_t kCycle = 1'000'000;  // ns of the robot's time
 
-// When the datagram came that was received last, by the kernel, or now.
-std::int64_t arrival(int socket) {
-  timespec came, now;
-  const std::int64_t time = Clock::now();
-  if (::ioctl(socket, SIOCGSTAMPNS_OLD, &came) != 0) return time;  // which asks the kernel to note it from now on
-  ::clock_gettime(CLOCK_REALTIME, &now);
-  return time - ((now.tv_sec - came.tv_sec) * 1'000'000'000 + now.tv_nsec - came.tv_nsec);
-}
-
 }  // namespace
 
 RobotServer::RobotServer(const models::Arm& arm, const in_addr& address, std::optional<fci::Version> only,
@@ -40,10 +31,8 @@ RobotServer::RobotServer(const models::Arm& arm, const in_addr& address, std::op
       arm_(arm),
       only_(only),
       robot_(robot),
-      udp_(udp_socket(address, fci::kRobotPort)) {
-  const timeval timeout{0, 1000};  // of wait()
-  ::setsockopt(udp_.fd(), SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
-}
+      clock_(poller.clock()),
+      udp_(udp_socket(address, fci::kRobotPort)) {}
 
 // --- TCP ------------------------------------------------------------------------------------------------------
 
@@ -54,8 +43,7 @@ Port::Header RobotServer::read_header(std::span<const std::byte> bytes) const {
 }
 
 bool RobotServer::connect(Connection& newcomer, std::uint32_t id, std::uint16_t version, std::uint16_t udp_port) {
-  const fci::Version answered =
-      only_ ? *only_ : std::clamp<fci::Version>(version, fci::kOldestVersion, fci::kNewestVersion);
+  const fci::Version answered = only_ ? *only_ : std::clamp(version, arm_.oldest_version, arm_.newest_version);
   const bool spoken = answered == version;
   const Status status = spoken ? Status::kSuccess : Status::kIncompatibleLibraryVersion;
   std::array<std::byte, fci::kHeaderSize + 3> message;
@@ -173,49 +161,61 @@ void RobotServer::answer(Command command, std::uint32_t id, Status status, std::
 
 // --- UDP ------------------------------------------------------------------------------------------------------
 
-const fci::RobotCommand* RobotServer::receive() { return receive(MSG_DONTWAIT); }
-const fci::RobotCommand* RobotServer::wait() {
-  // A client in a hurry answers sooner than a sleeping thread wakes.
-  constexpr std::int64_t kPolling = 100'000;  // ns
-  for (const std::int64_t until = Clock::now() + kPolling; Clock::now() < until;) {
-    if (const auto* command = receive(MSG_DONTWAIT)) return command;
-  }
-  return receive(0);
+const fci::RobotCommand* RobotServer::wait(std::int64_t until) {
+  if (const auto* command = receive()) return command;
+  clock_.wait_for(udp_.fd(), std::min(until, clock_.now() + kCycle));
+  return receive();
 }
 
-const fci::RobotCommand* RobotServer::receive(int flags) {
+const fci::RobotCommand* RobotServer::receive() {
   if (!connected()) return nullptr;
   while (!delayed_commands_.empty()) {
     const Delayed& first = delayed_commands_.front();
-    if (first.due > (period_ > 0 ? Clock::now() : static_cast<std::int64_t>(robot_.state().message_id))) break;
+    if (first.due > (period_ > 0 ? clock_.now() : static_cast<std::int64_t>(robot_.state().message_id))) break;
     const auto* command = take(first.datagram);
     delayed_commands_.erase(delayed_commands_.begin());
     if (command) return command;
   }
   std::array<std::byte, fci::kMaxCommandSize> datagram;
+  const fci::RobotCommand* newest = nullptr;
   for (int i = 0; i < kMaxDatagrams && !in_vain_; ++i) {
-    const ssize_t size = ::recv(udp_.fd(), datagram.data(), datagram.size(), flags | MSG_TRUNC);
+    const ssize_t size = ::recv(udp_.fd(), datagram.data(), datagram.size(), MSG_DONTWAIT | MSG_TRUNC);
     if (size < 0) {
       if (errno == ECONNREFUSED) continue;  // an earlier state found the client's port closed
-      return nullptr;
+      return newest;
     }
     if (static_cast<std::size_t>(size) == command_size_) {
       const std::span<const std::byte> whole(datagram.data(), command_size_);
       if (robot_.moving() && held_up(whole)) continue;
-      if (const auto* command = take(whole)) return command;
+      if (const auto* command = take(whole)) {
+        if (!robot_.asynchronous()) return command;
+        newest = command;
+      }
     } else if (!refused_datagram_) {
       refused_datagram_ = true;
       spdlog::warn("robot: {} sent a datagram of {} bytes, where a command has {}: it is ignored, as will be others",
                    client().name(), size, command_size_);
     }
   }
-  return nullptr;
+  return newest;
 }
 
 const fci::RobotCommand* RobotServer::take(std::span<const std::byte> datagram) {
+  fci::RobotCommand command;
   fci::Reader reader(version_, datagram.data());
-  walk(reader, command_);
-  return robot_.takes(command_) ? &command_ : nullptr;
+  walk(reader, command);
+  if (!robot_.takes(command)) return nullptr;
+  command_ = command;
+  return &command_;
+}
+
+// When the datagram came that was received last, by the kernel, or now.
+std::int64_t RobotServer::arrival() const {
+  timespec came, now;
+  const std::int64_t time = clock_.now();
+  if (::ioctl(udp_.fd(), SIOCGSTAMPNS_OLD, &came) != 0) return time;  // which asks the kernel to note it from now on
+  ::clock_gettime(CLOCK_REALTIME, &now);
+  return time - ((now.tv_sec - came.tv_sec) * 1'000'000'000 + now.tv_nsec - came.tv_nsec);
 }
 
 // Whether the network keeps back this command, for a time or for good.
@@ -228,8 +228,8 @@ bool RobotServer::held_up(std::span<const std::byte> datagram) {
   }
   std::int64_t due;
   if (period_ > 0) {
-    due = arrival(udp_.fd()) + *delay * period_ / kCycle;
-    if (due <= Clock::now()) return false;
+    due = arrival() + *delay * period_ / kCycle;
+    if (due <= clock_.now()) return false;
   } else {
     in_vain_ = true;
     due = static_cast<std::int64_t>(robot_.state().message_id) + *delay / kCycle;
@@ -267,7 +267,7 @@ void RobotServer::publish(std::int64_t period) {
     const auto id = static_cast<std::int64_t>(robot_.state().message_id);
     const auto whole = datagram.begin() + static_cast<std::ptrdiff_t>(state_size_);
     if (delay) {
-      const std::int64_t due = period > 0 ? Clock::now() + *delay * period / kCycle : id + *delay / kCycle;
+      const std::int64_t due = period > 0 ? clock_.now() + *delay * period / kCycle : id + *delay / kCycle;
       delayed_states_.push_back({due, {datagram.begin(), whole}});
     }
   }

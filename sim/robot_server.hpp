@@ -10,15 +10,15 @@ namespace sim {
 // The robot's port: requests over TCP, states and commands over UDP.
 class RobotServer : public Port {
  public:
-  // `only`: the version of that system; empty: every client's own. Throws std::runtime_error when the port cannot
+  // `only`: the version of that system; empty: any that systems of this arm spoke. Throws std::runtime_error when the port cannot
   // be had.
   RobotServer(const models::Arm& arm, const in_addr& address, std::optional<fci::Version> only, Robot& robot,
               Poller& poller);
 
   // The command for the robot's last state, if it is there; nullptr otherwise. Valid until the next call.
   const fci::RobotCommand* receive();
-  // The same, and waits for it a millisecond or so.
-  const fci::RobotCommand* wait();
+  // The same, and waits for it until then (ns, of the clock) or for a millisecond.
+  const fci::RobotCommand* wait(std::int64_t until);
 
   // The command for the robot's last state is lost, or will come too late.
   bool in_vain() const { return in_vain_; }
@@ -28,7 +28,7 @@ class RobotServer : public Port {
   void publish(std::int64_t period);
   // Sends what the network has held up until now.
   void send_delayed(std::int64_t now);
-  // When there is such (ns, Clock::now()).
+  // When there is such (ns, of the clock).
   std::optional<std::int64_t> next_delayed() const;
 
   Network& network() { return network_; }
@@ -47,13 +47,14 @@ class RobotServer : public Port {
   template <class Request>
   bool set(const Header& header, std::span<const std::byte> body);
   void answer(fci::Command command, std::uint32_t id, fci::Status status, std::span<const std::byte> more = {});
-  const fci::RobotCommand* receive(int flags);
   const fci::RobotCommand* take(std::span<const std::byte> datagram);
   bool held_up(std::span<const std::byte> datagram);
+  std::int64_t arrival() const;
 
   const models::Arm& arm_;
   std::optional<fci::Version> only_;
   Robot& robot_;
+  Clock& clock_;
   File udp_;
   // Of the client.
   fci::Version version_ = fci::kNewestVersion;

@@ -316,6 +316,45 @@ void restore_inertia(mjModel* model, const std::vector<const models::Arm*>& arms
   mj_setConst(model, data.get());
 }
 
+// MuJoCo reads "nan" and "inf" as numbers, and a world with one in it moves nowhere and collides with nothing.
+void require_numbers(const mjModel& m, const std::string& title) {
+  struct Values {
+    mjtObj kind;
+    const char* name;
+    const mjtNum* values;
+    int count, width;
+  };
+  const std::array<Values, 19> all = {{
+      {mjOBJ_BODY, "pos of body", m.body_pos, m.nbody, 3},
+      {mjOBJ_BODY, "orientation of body", m.body_quat, m.nbody, 4},
+      {mjOBJ_BODY, "centre of mass of body", m.body_ipos, m.nbody, 3},
+      {mjOBJ_BODY, "axes of inertia of body", m.body_iquat, m.nbody, 4},
+      {mjOBJ_BODY, "mass of body", m.body_mass, m.nbody, 1},
+      {mjOBJ_BODY, "inertia of body", m.body_inertia, m.nbody, 3},
+      {mjOBJ_JOINT, "pos of joint", m.jnt_pos, m.njnt, 3},
+      {mjOBJ_JOINT, "axis of joint", m.jnt_axis, m.njnt, 3},
+      {mjOBJ_JOINT, "range of joint", m.jnt_range, m.njnt, 2},
+      {mjOBJ_JOINT, "stiffness of joint", m.jnt_stiffness, m.njnt, 1},
+      {mjOBJ_GEOM, "pos of geom", m.geom_pos, m.ngeom, 3},
+      {mjOBJ_GEOM, "orientation of geom", m.geom_quat, m.ngeom, 4},
+      {mjOBJ_GEOM, "size of geom", m.geom_size, m.ngeom, 3},
+      {mjOBJ_GEOM, "friction of geom", m.geom_friction, m.ngeom, 3},
+      {mjOBJ_SITE, "pos of site", m.site_pos, m.nsite, 3},
+      {mjOBJ_SITE, "orientation of site", m.site_quat, m.nsite, 4},
+      {mjOBJ_UNKNOWN, "damping of a joint", m.dof_damping, m.nv, 1},
+      {mjOBJ_UNKNOWN, "armature of a joint", m.dof_armature, m.nv, 1},
+      {mjOBJ_UNKNOWN, "friction of a joint", m.dof_frictionloss, m.nv, 1},
+  }};
+  for (const auto& [kind, what, values, count, width] : all) {
+    for (int i = 0; i < count * width; ++i) {
+      if (std::isfinite(values[i])) continue;
+      const char* name = kind == mjOBJ_UNKNOWN ? nullptr : mj_id2name(&m, kind, i / width);
+      throw std::runtime_error(title + ": " + what + (name ? " \"" + std::string(name) + "\"" : "") + " is " +
+                               std::to_string(values[i]) + "; expected a number");
+    }
+  }
+}
+
 std::string title_of(const std::string& scene) { return scene.empty() ? "floor" : "scene " + scene; }
 
 // nullptr where the worldbody has none.
@@ -361,6 +400,7 @@ Scene build_scene(const std::vector<const models::Arm*>& arms, bool hand, const 
 
   ModelPtr model(mj_compile(spec.get(), nullptr));
   if (!model) throw std::runtime_error(title + " does not compile with the arm in it: " + one_line(mjs_getError(spec.get())));
+  require_numbers(*model, title);
   restore_inertia(model.get(), arms);
 
   // Gravity compensation and the estimates of the state take the base for upright.

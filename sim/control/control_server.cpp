@@ -247,8 +247,8 @@ void ControlServer::put_truth(proto::SimulationTruth& message) {
   if (cell_.time() != Cell::Time::kRuns) {
     message.set_paused(cell_.time() == Cell::Time::kPaused ? proto::Pause::ALL : proto::Pause::BETWEEN_MOTIONS);
   }
-  message.set_late_cycles(cell_.clock().late());
-  message.set_worst_delay(cell_.clock().worst_delay());
+  message.set_late_cycles(cell_.pace().late());
+  message.set_worst_delay(cell_.pace().worst_delay());
 }
 
 // Drawn here, from a copy: the loop gives away its joints' positions, and its scene when that has changed.

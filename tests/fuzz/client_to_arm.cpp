@@ -146,9 +146,15 @@ class Arm {
     }
   }
 
-  const models::Arm& model_ = models::arm("fr3");
+  // One that has spoken every version.
+  const models::Arm model_ = [] {
+    models::Arm arm = models::arm("fr3");
+    arm.oldest_version = fci::kOldestVersion;
+    return arm;
+  }();
   sim::World world_{{.arm = &model_}};
-  sim::Poller poller_;
+  sim::WallClock clock_;
+  sim::Poller poller_{clock_};
   sim::Robot robot_{model_};
   sim::Gripper gripper_;
   std::string address_;

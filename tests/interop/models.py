@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from clients import SCRIPTS
-from peer import Result, environment, free_address
+from peer import Result, environment, free_address, simulated_arm
 
 CLIENTS = [  # package, version, script, arm, what it gives
     ("panda-python", "1.1.1", "panda_python_model.py", "fer", "library"),
@@ -22,9 +22,13 @@ HEADER = struct.Struct("<III")  # command, id, size
 CONNECT, GET_ROBOT_MODEL = 0, 11  # of protocol version 10
 
 
-def urdf(address: str) -> str:
-    """Ask an arm for its description, as clients of version 10 do."""
-    with socket.create_connection((address, 1337)) as arm, arm.makefile("rb") as stream:
+def urdf(fci_sim: Path, robot: str) -> str:
+    """Ask an arm for its description, as clients of version 10 do; also one whose own systems never spoke that."""
+    with (
+        simulated_arm(fci_sim, "--robot", robot, "--protocol", "10") as address,
+        socket.create_connection((address, 1337)) as arm,
+        arm.makefile("rb") as stream,
+    ):
         arm.sendall(HEADER.pack(CONNECT, 1, HEADER.size + 4) + struct.pack("<HH", 10, 9))
         stream.read(HEADER.size + 3)
         arm.sendall(HEADER.pack(GET_ROBOT_MODEL, 2, HEADER.size))
@@ -44,7 +48,7 @@ def run(build: Path) -> Iterator[Result]:
             try:
                 description = build / "interop" / f"{robot}.urdf"
                 description.parent.mkdir(exist_ok=True)
-                description.write_text(urdf(address))
+                description.write_text(urdf(build / "bin" / "fci-sim", robot))
                 waiting = {"capture_output": True, "text": True, "timeout": TIME, "check": True}
                 samples = subprocess.run([python, SCRIPTS / script, address], **waiting).stdout
                 worst = json.loads(

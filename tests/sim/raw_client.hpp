@@ -2,6 +2,7 @@
 
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -13,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "driven_arm.hpp"
 #include "thresholds.hpp"
 #include "wire/fci/gripper.hpp"
 #include "wire/fci/robot_command.hpp"
@@ -22,9 +24,14 @@ namespace testing_tools {
 
 using Bytes = std::vector<std::byte>;
 
-// Sockets to one port of an arm, and bytes. A call that waits gives up after some seconds by throwing.
+// Sockets to one port of an arm, and bytes. Who waits for an arm that is driven runs its cycles meanwhile. A call that
+// waits gives up after some seconds, or cycles, by throwing.
 class RawSockets {
  public:
+  RawSockets(DrivenArm& arm, std::uint16_t port) : RawSockets(arm.address(), port) {
+    driven_ = &arm;
+    states_ = port == fci::kRobotPort;
+  }
   RawSockets(const std::string& address, std::uint16_t port) {
     sockaddr_in arm{};
     arm.sin_family = AF_INET;
@@ -32,6 +39,8 @@ class RawSockets {
     ::inet_pton(AF_INET, address.c_str(), &arm.sin_addr);
     tcp_ = ::socket(AF_INET, SOCK_STREAM, 0);
     if (::connect(tcp_, reinterpret_cast<sockaddr*>(&arm), sizeof arm) != 0) throw std::runtime_error("no connection");
+    const int on = 1;  // what is written is sent, and does not wait for the acknowledgement of what was before
+    ::setsockopt(tcp_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
     sockaddr_in own{};
     socklen_t size = sizeof own;
     ::getsockname(tcp_, reinterpret_cast<sockaddr*>(&own), &size);
@@ -91,14 +100,24 @@ class RawSockets {
   }
   void send_datagram(std::span<const std::byte> bytes) {
     ::sendto(udp_, bytes.data(), bytes.size(), 0, reinterpret_cast<sockaddr*>(&from_), sizeof from_);
+    if (driven_) driven_->wait_for_datagram();
   }
 
  private:
-  static void wait(int fd) {
+  static bool there(int fd, int milliseconds) {
     pollfd wanted{fd, POLLIN, 0};
-    if (::poll(&wanted, 1, 10'000) <= 0) throw std::runtime_error("the arm is silent");
+    return ::poll(&wanted, 1, milliseconds) > 0;
+  }
+  void wait(int fd) const {
+    for (int i = 0; driven_ && i < 20'000 && !there(fd, 0); ++i) {
+      driven_->cycle();
+      if (states_ && fd == udp_) there(fd, 10'000);  // there is one after each cycle
+    }
+    if (!there(fd, 10'000)) throw std::runtime_error("the arm is silent");
   }
 
+  DrivenArm* driven_ = nullptr;
+  bool states_ = false;  // the port sends one every cycle
   int tcp_ = -1, udp_ = -1;
   std::uint16_t udp_port_ = 0;
   sockaddr_in from_{};
@@ -113,7 +132,9 @@ class RawClient {
     Bytes body;  // behind the status
   };
 
-  RawClient(const std::string& address, fci::Version version) : sockets(address, fci::kRobotPort), version_(version) {
+  // `arm`: a DrivenArm, or the address of one that runs by itself.
+  template <class Arm>
+  RawClient(Arm& arm, fci::Version version) : sockets(arm, fci::kRobotPort), version_(version) {
     connected = post(fci::Connect{version, sockets.udp_port()});
     connect_answer = response();
     if (connect_answer.status == 0) receive();
@@ -243,8 +264,8 @@ class RawClient {
 // Speaks to the hand's port.
 class RawGripper {
  public:
-  explicit RawGripper(const std::string& address, fci::Version version = fci::gripper::kVersion)
-      : sockets(address, fci::gripper::kPort) {
+  template <class Arm>
+  explicit RawGripper(Arm& arm, fci::Version version = fci::gripper::kVersion) : sockets(arm, fci::gripper::kPort) {
     const auto id = post(fci::gripper::Connect{version, sockets.udp_port()});
     connect_status = answer(id, 4);
   }

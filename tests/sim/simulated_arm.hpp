@@ -1,22 +1,20 @@
 #pragma once
 
-#include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <signal.h>
-#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <random>
 #include <sstream>
 #include <string>
 #include <vector>
+
+#include "free_address.hpp"
 
 namespace testing_tools {
 
@@ -38,7 +36,19 @@ class SimulatedArm {
   SimulatedArm(const SimulatedArm&) = delete;
 
   const std::string& address() const { return address_; }
+  // Of the arm after it, where there are several.
+  std::string next_address() const {
+    const auto dot = address_.rfind('.');
+    return address_.substr(0, dot + 1) + std::to_string(std::stoi(address_.substr(dot + 1)) + 1);
+  }
+  pid_t process() const { return process_; }
   const std::string& ready_line() const { return ready_line_; }
+  // What else it says before it is ready.
+  std::string until_ready() {
+    std::string said;
+    for (char byte = 0; !said.ends_with("ready\n") && ::read(out_, &byte, 1) == 1;) said += byte;
+    return said;
+  }
 
   // What it said on stderr.
   std::string log() const {
@@ -61,27 +71,7 @@ class SimulatedArm {
     return WIFEXITED(status_) ? WEXITSTATUS(status_) : -WTERMSIG(status_);
   }
 
-  static std::string free_address() {
-    static std::mt19937 random{std::random_device{}()};
-    std::uniform_int_distribution<> part(1, 254);
-    for (;;) {
-      const std::string address =
-          "127." + std::to_string(part(random)) + "." + std::to_string(part(random)) + "." + std::to_string(part(random));
-      if (is_free(address, 1337) && is_free(address, 1338)) return address;
-    }
-  }
-
  private:
-  static bool is_free(const std::string& address, std::uint16_t port) {
-    sockaddr_in own{};
-    own.sin_family = AF_INET;
-    own.sin_port = htons(port);
-    ::inet_pton(AF_INET, address.c_str(), &own.sin_addr);
-    const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
-    const bool bound = ::bind(fd, reinterpret_cast<sockaddr*>(&own), sizeof own) == 0;
-    ::close(fd);
-    return bound;
-  }
   static std::filesystem::path make_folder() {
     std::string name = (std::filesystem::temp_directory_path() / "fci-sim.XXXXXX").string();
     return ::mkdtemp(name.data());

@@ -6,7 +6,6 @@
 
 #include "models/arm.hpp"
 #include "raw_client.hpp"
-#include "simulated_arm.hpp"
 #include "thresholds.hpp"
 
 namespace {
@@ -65,8 +64,8 @@ void PrintTo(const System& system, std::ostream* out) { *out << system.robot << 
 class OfSystem : public testing::TestWithParam<System> {
  protected:
   OfSystem()
-      : arm({"--lockstep", "--ideal", "--pause", "between-motions", "--robot", GetParam().robot}),
-        client(arm.address(), static_cast<fci::Version>(GetParam().version)),
+      : arm(GetParam().robot, lockstep(true)),
+        client(arm, static_cast<fci::Version>(GetParam().version)),
         limits(models::limits(models::arm(GetParam().robot), static_cast<std::uint16_t>(GetParam().version))) {
     // Contact is another test's subject.
     EXPECT_EQ(client.ask(thresholds(1000, 1000)), Status::kSuccess);
@@ -208,7 +207,7 @@ class OfSystem : public testing::TestWithParam<System> {
         status);
   }
 
-  SimulatedArm arm;
+  DrivenArm arm;
   RawClient client;
   const models::Limits& limits;
   Status recovery = Status::kSuccess;  // what the answer to it must be
@@ -539,8 +538,8 @@ TEST_P(OfSystem, StopsBeforeItMeetsItself) {
 // --- what only this client can say: libfranka always asks for deviations that never are ------------------------------
 
 struct OwnClient : testing::Test {
-  SimulatedArm arm{{"--lockstep"}};
-  RawClient client{arm.address(), 10};
+  DrivenArm arm{"fr3", lockstep()};
+  RawClient client{arm, 10};
 
   std::string move(const fci::Move& request, double share_of_stiffness) {
     fci::SetJointImpedance soft{{3000, 3000, 3000, 2500, 2500, 2000, 2000}};

@@ -1,10 +1,8 @@
-// Commands that are lost, late, or somebody else's; in lockstep, where a cycle waits a quarter of a second for its
-// command.
+// Commands that are lost, late, or somebody else's.
 
 #include <cmath>
 
 #include "raw_client.hpp"
-#include "simulated_arm.hpp"
 
 namespace {
 
@@ -19,8 +17,8 @@ constexpr double kDt = 0.001;  // s
 constexpr fci::Move kTorque = {.controller_mode = ControllerMode::kExternal, .motion_generator_mode = Mode::kNone};
 
 struct Communication : testing::Test {
-  SimulatedArm arm{{"--lockstep", "--ideal"}};
-  RawClient client{arm.address(), 9};  // states of float64
+  DrivenArm arm{"fr3", lockstep(true)};
+  RawClient client{arm, 9};  // states of float64
 };
 
 constexpr double kRise = 0.5;  // m/s² or rad/s²

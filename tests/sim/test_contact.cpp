@@ -238,6 +238,68 @@ TEST_P(ContactOf, WhileTheReferenceAcceleratesTheOtherThresholdsApply) {
   EXPECT_TRUE(raised(rig.state(), Error::kCartesianReflex));
 }
 
+// In each of the nine ways to control it: at rest, while it accelerates, and while it moves evenly.
+TEST_P(ContactOf, WhatPushesIsFeltInEveryControlMode) {
+  struct Way {
+    ControllerMode controller;
+    Mode generator;
+  };
+  std::vector<Way> ways = {{ControllerMode::kExternal, Mode::kNone}};
+  for (const auto controller :
+       {ControllerMode::kJointImpedance, ControllerMode::kCartesianImpedance, ControllerMode::kExternal}) {
+    for (const auto generator :
+         {Mode::kJointPosition, Mode::kJointVelocity, Mode::kCartesianPosition, Mode::kCartesianVelocity}) {
+      ways.push_back({controller, generator});
+    }
+  }
+  constexpr double kAcceleration = 0.1;  // m/s² or rad/s²
+  constexpr int kRising = 500;           // cycles
+  struct When {
+    int pushed;
+    bool moves;
+  };
+  for (const Way& way : ways) {
+    for (const auto& [pushed, moves] : {When{100, false}, {kRising / 2, true}, {kRising + 200, true}}) {
+      RobotRig rig(as_delivered(GetParam()));
+      ASSERT_EQ(rig.robot.set(thresholds(10, 10)), Status::kSuccess);
+      ASSERT_EQ(rig.start(way.generator, way.controller), Status::kMotionStarted);
+      const fci::RobotCommand hold = rig.hold();
+      const Joints begin = reported(hold.q_c);
+      double speed = 0, position = 0;
+      const auto cycle = [&](int i) {
+        speed += moves && i > 3 && i <= kRising ? kAcceleration * 1e-3 : 0;
+        position += speed * 1e-3;
+        fci::RobotCommand command = hold;
+        command.q_c[0] += position;
+        command.dq_c[0] = speed;
+        command.O_T_EE_c[13] += position;
+        command.O_dP_EE_c[1] = speed;
+        const bool alone = way.generator == Mode::kNone;
+        const Joints q_d = alone ? Joints(begin + position * Joints::Unit(0)) : reported(rig.state().q_d);
+        const Joints dq_d = alone ? Joints(speed * Joints::Unit(0)) : reported(rig.state().dq_d);
+        const Joints stiffness = (Joints() << 300, 300, 300, 300, 100, 60, 30).finished();
+        command.tau_J_d = array(stiffness.cwiseProduct(q_d - reported(rig.state().q)) +
+                                1.2 * stiffness.cwiseSqrt().cwiseProduct(dq_d - reported(rig.state().dq)));
+        rig.cycle(command);
+      };
+      int i = 0;
+      for (; i < pushed; ++i) {
+        cycle(i);
+        ASSERT_EQ(rig.state().robot_mode, RobotMode::kMove) << fci::names(rig.state().errors);
+      }
+      const std::string what = std::to_string(int(way.controller)) + " " + std::to_string(int(way.generator)) +
+                               ", pushed in cycle " + std::to_string(pushed);
+      rig.push((Wrench() << 0, 0, -40, 0, 0, 0).finished());
+      for (; i < pushed + 60 && rig.state().robot_mode == RobotMode::kMove; ++i) cycle(i);
+      EXPECT_EQ(rig.state().robot_mode, RobotMode::kReflex) << what;
+      EXPECT_EQ(rig.robot.outcome(), Status::kReflexAborted) << what;
+      EXPECT_TRUE(raised(rig.state(), Error::kCartesianReflex)) << what;
+      EXPECT_EQ(rig.state().cartesian_collision[2], 1) << what;
+      EXPECT_EQ(rig.state().cartesian_contact[2], 1) << what;
+    }
+  }
+}
+
 // --- sensors ---------------------------------------------------------------------------------------------------------
 
 TEST_P(ContactOf, SensorsHaveTheirNoiseAndNoMore) {

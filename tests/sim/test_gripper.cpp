@@ -4,7 +4,6 @@
 
 #include "raw_client.hpp"
 #include "scene_file.hpp"
-#include "simulated_arm.hpp"
 
 namespace {
 
@@ -13,8 +12,8 @@ namespace gripper = fci::gripper;
 using gripper::Status;
 
 TEST(Gripper, FindsItsWidthAndMovesToOthers) {
-  SimulatedArm arm;
-  RawGripper hand(arm.address());
+  DrivenArm arm;
+  RawGripper hand(arm);
   ASSERT_EQ(hand.connect_status, Status::kSuccess);
   EXPECT_EQ(hand.newest().max_width, 0);
   EXPECT_EQ(hand.ask(gripper::Homing{}), Status::kSuccess);
@@ -26,8 +25,8 @@ TEST(Gripper, FindsItsWidthAndMovesToOthers) {
 }
 
 TEST(Gripper, RefusesWhatItCannotDo) {
-  SimulatedArm arm;
-  RawGripper hand(arm.address());
+  DrivenArm arm;
+  RawGripper hand(arm);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   for (const gripper::Move& move : {gripper::Move{-0.01, 0.1}, {0.09, 0.1}, {nan, 0.1}, {0.04, 0}, {0.04, nan}}) {
     EXPECT_EQ(hand.ask(move), Status::kFail);
@@ -40,8 +39,8 @@ TEST(Gripper, RefusesWhatItCannotDo) {
 }
 
 TEST(Gripper, StopAbortsWhatIsUnderWay) {
-  SimulatedArm arm;
-  RawGripper hand(arm.address());
+  DrivenArm arm;
+  RawGripper hand(arm);
   EXPECT_EQ(hand.ask(gripper::Move{0, 0.1}), Status::kSuccess);
   const auto move = hand.post(gripper::Move{0.08, 0.01});
   while (hand.newest().width < 0.005) {
@@ -57,8 +56,8 @@ TEST(Gripper, StopAbortsWhatIsUnderWay) {
 }
 
 TEST(Gripper, ANewCommandAbortsTheOneUnderWay) {
-  SimulatedArm arm;
-  RawGripper hand(arm.address());
+  DrivenArm arm;
+  RawGripper hand(arm);
   const auto homing = hand.post(gripper::Homing{});
   const auto move = hand.post(gripper::Move{0.05, 0.1});
   EXPECT_EQ(hand.answer(homing), Status::kAborted);
@@ -71,9 +70,9 @@ TEST(Gripper, ANewCommandAbortsTheOneUnderWay) {
 }
 
 TEST(Gripper, OtherVersionsAreRefused) {
-  SimulatedArm arm;
-  EXPECT_NE(RawGripper(arm.address(), 2).connect_status, Status::kSuccess);
-  EXPECT_EQ(RawGripper(arm.address(), 3).connect_status, Status::kSuccess);
+  DrivenArm arm;
+  EXPECT_NE(RawGripper(arm, 2).connect_status, Status::kSuccess);
+  EXPECT_EQ(RawGripper(arm, 3).connect_status, Status::kSuccess);
 }
 
 // The tool to (x, y, z) with minimum jerk; in lockstep the arm waits for each command, so it takes as long as it takes.
@@ -95,9 +94,11 @@ void go(RawClient& robot, double x, double y, double z, int cycles) {
 }
 
 TEST(Gripper, TakesABlockFromTheTableAndLiftsIt) {
-  SimulatedArm arm({"--lockstep", "--scene", REPOSITORY_DIR "/sim/scenes/table_with_block.xml"});
-  RawClient robot(arm.address(), 10);
-  RawGripper hand(arm.address());
+  auto options = lockstep();
+  options.scene = REPOSITORY_DIR "/sim/scenes/table_with_block.xml";
+  DrivenArm arm("fr3", options);
+  RawClient robot(arm, 10);
+  RawGripper hand(arm);
   ASSERT_EQ(hand.ask(gripper::Move{.width = 0.08, .speed = 0.1}), Status::kSuccess);
   go(robot, 0.5, -0.15, 0.15, 2000);
   go(robot, 0.5, -0.15, 0.02, 1500);
@@ -137,10 +138,12 @@ TEST(Gripper, LosesWhatIsPulledOutOfIt) {
     <geom type="plane" size="3 3 0.1"/>
     <body name="ingot" pos="0.5 -0.15 0.025"><freejoint/>
       <geom type="box" size="0.02 0.02 0.025" mass="4"/></body></worldbody></mujoco>)");
-  SimulatedArm arm({"--lockstep", "--scene", scene.path()});
-  RawClient robot(arm.address(), 10);
+  auto options = lockstep();
+  options.scene = scene.path();
+  DrivenArm arm("fr3", options);
+  RawClient robot(arm, 10);
   ASSERT_EQ(robot.ask(thresholds(100, 100)), fci::Status::kSuccess);
-  RawGripper hand(arm.address());
+  RawGripper hand(arm);
   ASSERT_EQ(hand.ask(gripper::Move{0.08, 0.1}), Status::kSuccess);
   go(robot, 0.5, -0.15, 0.15, 2000);
   go(robot, 0.5, -0.15, 0.035, 1500);

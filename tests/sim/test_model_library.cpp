@@ -253,6 +253,18 @@ TEST_P(ModelLibrary, is_there_for_this_machine_only) {
   }
 }
 
+// The same check as that of the figures (tests/models), of what clients compute.
+TEST(ModelLibraryOfFer, holds_a_real_arm_with_its_hand_at_home) {
+  const Library library("fer");
+  const Vector7 q(models::kHome.data());
+  const Vector3d F_x_Chand(-0.01, 0, 0.03);
+  Vector7 g;
+  library.get<decltype(g_NE)>("g_NE")(q.data(), kGravity.data(), 0.73, F_x_Chand.data(), g.data());
+  EXPECT_NEAR(g[1], -3.92, 0.01);
+  EXPECT_NEAR(g[3], 21.90, 0.01);
+  EXPECT_NEAR(g[5], 2.27, 0.01);
+}
+
 std::vector<std::string> arms() {
   std::vector<std::string> names;
   for (const models::Arm& arm : models::arms()) names.emplace_back(arm.name);

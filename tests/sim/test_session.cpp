@@ -1,6 +1,9 @@
 // Connecting to the simulated arm, its requests and their answers, and what is no client at all.
 
+#include <sched.h>
+
 #include <algorithm>
+#include <filesystem>
 #include <thread>
 
 #include "models/arm.hpp"
@@ -22,9 +25,12 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 class EveryVersion : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Protocol, EveryVersion, testing::Range(5, 11));
 
+// An arm whose systems spoke that version.
+const char* arm_of(int version) { return version <= 5 ? "fer" : "fr3"; }
+
 TEST_P(EveryVersion, IsAnsweredInItself) {
-  SimulatedArm arm;
-  RawClient client(arm.address(), GetParam());
+  DrivenArm arm(arm_of(GetParam()));
+  RawClient client(arm, GetParam());
   EXPECT_EQ(client.connect_answer.header.command, 0u);
   EXPECT_EQ(client.connect_answer.header.size, 15u);
   EXPECT_EQ(client.connect_answer.status, 0);
@@ -44,8 +50,8 @@ TEST_P(EveryVersion, IsAnsweredInItself) {
 }
 
 TEST_P(EveryVersion, HasEachOfItsRequests) {
-  SimulatedArm arm;
-  RawClient client(arm.address(), GetParam());
+  DrivenArm arm(arm_of(GetParam()));
+  RawClient client(arm, GetParam());
   const auto expect = [&](std::uint32_t id, std::uint32_t command, std::uint32_t size) {
     const auto response = client.response();
     EXPECT_EQ(response.header.command, command);
@@ -74,7 +80,7 @@ TEST_P(EveryVersion, HasEachOfItsRequests) {
   }
   if (GetParam() <= 9) {
     const auto library = expect(client.post(fci::LoadModelLibrary{}), old ? 13 : 11, 0);
-    EXPECT_TRUE(std::ranges::equal(library.body, sim::model_library("fr3", {})));
+    EXPECT_TRUE(std::ranges::equal(library.body, sim::model_library(arm_of(GetParam()), {})));
     EXPECT_GT(library.body.size(), 10'000u);
   }
   if (GetParam() >= 8) {
@@ -84,42 +90,57 @@ TEST_P(EveryVersion, HasEachOfItsRequests) {
   }
 }
 
-TEST(Session, OtherVersionsAreRefusedWithTheNearest) {
-  SimulatedArm arm;
-  for (const auto& [asked, answered] : {std::pair{0, 5}, {4, 5}, {11, 10}, {65535, 10}}) {
-    RawClient client(arm.address(), static_cast<fci::Version>(asked));
-    EXPECT_EQ(client.connect_answer.status, 1);
-    EXPECT_EQ(std::to_integer<int>(client.connect_answer.body[0]), answered);
-    EXPECT_TRUE(client.sockets.closed());
+TEST(Session, VersionsThatItsSystemsHaveNotSpokenAreRefusedWithTheNearest) {
+  struct Case {
+    const char* robot;
+    std::vector<std::pair<int, int>> refused;  // asked, answered
+    std::vector<int> spoken;
+  };
+  const std::vector<Case> cases = {
+      {"fer", {{0, 5}, {4, 5}, {6, 5}, {10, 5}, {65535, 5}}, {5}},
+      {"fr3", {{0, 6}, {5, 6}, {11, 10}, {65535, 10}}, {6, 7, 8, 9, 10}},
+  };
+  for (const Case& arms : cases) {
+    DrivenArm arm(arms.robot);
+    for (const auto& [asked, answered] : arms.refused) {
+      RawClient client(arm, static_cast<fci::Version>(asked));
+      EXPECT_EQ(client.connect_answer.status, 1) << arms.robot << " " << asked;
+      EXPECT_EQ(std::to_integer<int>(client.connect_answer.body[0]), answered);
+      EXPECT_TRUE(client.sockets.closed());
+    }
+    for (const int version : arms.spoken) {
+      EXPECT_EQ(RawClient(arm, static_cast<fci::Version>(version)).connect_answer.status, 0);
+    }
   }
-  EXPECT_EQ(RawClient(arm.address(), 10).connect_answer.status, 0);
 }
 
 TEST(Session, AnArmOfOneVersionRefusesAllOthers) {
-  SimulatedArm arm({"--protocol", "7"});
+  sim::Cell::Options options;
+  options.version = 7;
+  DrivenArm arm("fr3", options);
   for (int version : {5, 6, 8, 9, 10}) {
-    RawClient client(arm.address(), static_cast<fci::Version>(version));
+    RawClient client(arm, static_cast<fci::Version>(version));
     EXPECT_EQ(client.connect_answer.status, 1);
     EXPECT_EQ(std::to_integer<int>(client.connect_answer.body[0]), 7);
   }
-  EXPECT_EQ(RawClient(arm.address(), 7).connect_answer.status, 0);
+  EXPECT_EQ(RawClient(arm, 7).connect_answer.status, 0);
 }
 
 TEST(Session, ASecondClientIsRefusedAtOnceAndTheNextServedWhenTheFirstHasGone) {
-  SimulatedArm arm;
+  DrivenArm arm;
   {
-    RawClient first(arm.address(), 10);
-    EXPECT_THROW(RawClient(arm.address(), 10), std::runtime_error);
+    RawClient first(arm, 10);
+    EXPECT_THROW(RawClient(arm, 10), std::runtime_error);
     const auto before = first.newest().message_id;
     first.receive_until([&](const auto& state) { return state.message_id > before + 5; });
     EXPECT_EQ(first.ask(fci::SetJointImpedance{}), Status::kSuccess);
     EXPECT_NE(arm.log().find("only one client"), std::string::npos);
   }
-  EXPECT_EQ(RawClient(arm.address(), 5).connect_answer.status, 0);
+  EXPECT_EQ(RawClient(arm, 6).connect_answer.status, 0);
 
-  RawGripper first(arm.address());
+  RawGripper first(arm);
   EXPECT_EQ(first.connect_status, fci::gripper::Status::kSuccess);
-  EXPECT_THROW(RawGripper second(arm.address()), std::runtime_error);
+  EXPECT_THROW(RawGripper second(arm), std::runtime_error);
   EXPECT_EQ(first.ask(fci::gripper::Stop{}), fci::gripper::Status::kSuccess);
 }
 
@@ -130,15 +151,15 @@ Bytes header(std::uint32_t command, std::uint32_t id, std::uint32_t size) {
 }
 
 TEST(Session, GarbageClosesItsConnectionAndNothingElse) {
-  SimulatedArm arm;
+  DrivenArm arm;
   for (const std::uint16_t port : {fci::kRobotPort, fci::gripper::kPort}) {
     for (const std::string& garbage :
          {std::string("GET / HTTP/1.1\r\n\r\n"), std::string(100'000, '\xff'), std::string(64, '\0')}) {
-      RawSockets sockets(arm.address(), port);
+      RawSockets sockets(arm, port);
       sockets.write(garbage);
       EXPECT_TRUE(sockets.closed());
     }
-    RawSockets half(arm.address(), port);  // half a Connect, then silence
+    RawSockets half(arm, port);  // half a Connect, then silence
     half.write(std::string(7, '\0'));
     EXPECT_TRUE(half.closed());
   }
@@ -146,31 +167,30 @@ TEST(Session, GarbageClosesItsConnectionAndNothingElse) {
   const std::vector<Bytes> messages = {header(99, 1, 12), header(0, 1, 16), header(1, 1, 4), header(1, 1, 0xffffffff),
                                        header(1, 1, 20)};
   for (const Bytes& message : messages) {
-    RawClient client(arm.address(), 10);
+    RawClient client(arm, 10);
     client.sockets.write(message);
     client.sockets.write(std::string(8, '\0'));
     EXPECT_TRUE(client.sockets.closed());
   }
   {
-    RawClient client(arm.address(), 10);
+    RawClient client(arm, 10);
     client.sockets.write(header(4, 1, 12 + 56));  // SetJointImpedance, without its figures
     client.receive();
     EXPECT_TRUE(client.sockets.closed());
   }
   {
-    RawGripper gripper(arm.address());
+    RawGripper gripper(arm);
     gripper.sockets.write(std::string("\x05\x00garbage!", 10));
     EXPECT_TRUE(gripper.sockets.closed());
   }
-  EXPECT_TRUE(arm.runs());
-  RawClient client(arm.address(), 10);
+  RawClient client(arm, 10);
   EXPECT_EQ(client.ask(fci::SetJointImpedance{}), Status::kSuccess);
-  EXPECT_EQ(RawGripper(arm.address()).connect_status, fci::gripper::Status::kSuccess);
+  EXPECT_EQ(RawGripper(arm).connect_status, fci::gripper::Status::kSuccess);
 }
 
 TEST(Session, ARequestMayComeInPieces) {
-  SimulatedArm arm;
-  RawClient client(arm.address(), 10);
+  DrivenArm arm;
+  RawClient client(arm, 10);
   Bytes message = header(4, 1, 12 + 56);
   message.resize(12 + 56);
   for (std::size_t i = 0; i < message.size(); i += 20) {
@@ -182,8 +202,8 @@ TEST(Session, ARequestMayComeInPieces) {
 }
 
 TEST(Session, DatagramsThatAreNoCommandsAreIgnored) {
-  SimulatedArm arm({"--lockstep"});
-  RawClient client(arm.address(), 10);
+  DrivenArm arm("fr3", lockstep());
+  RawClient client(arm, 10);
   client.start({.controller_mode = ControllerMode::kJointImpedance});
   const auto hold = client.hold();
   for (std::size_t size : {0, 1, 370, 372, 1377, 4000}) {
@@ -194,8 +214,8 @@ TEST(Session, DatagramsThatAreNoCommandsAreIgnored) {
 }
 
 TEST(Session, SettingsOutOfRangeAreRefused) {
-  SimulatedArm arm;
-  RawClient client(arm.address(), 10);
+  DrivenArm arm;
+  RawClient client(arm, 10);
   for (double value : {-1., 14251., kNan, HUGE_VAL}) {
     EXPECT_EQ(client.ask(fci::SetJointImpedance{{3000, 3000, 3000, 2500, 2500, 2000, value}}), Status::kInvalidArgument);
   }
@@ -222,8 +242,8 @@ TEST(Session, SettingsOutOfRangeAreRefused) {
 }
 
 TEST(Session, SettingsAreInTheState) {
-  SimulatedArm arm;
-  RawClient client(arm.address(), 5);
+  DrivenArm arm;
+  RawClient client(arm, 9);  // in float64
   const auto before = client.newest();
   fci::Pose shifted = fci::kIdentityPose;
   shifted[14] = 0.1;
@@ -241,9 +261,9 @@ TEST(Session, SettingsAreInTheState) {
 }
 
 TEST(Session, MotionsThatNoVersionHasAreRefused) {
-  SimulatedArm arm;
   for (int version = 5; version <= 10; ++version) {
-    RawClient client(arm.address(), static_cast<fci::Version>(version));
+    DrivenArm arm(arm_of(version));
+    RawClient client(arm, static_cast<fci::Version>(version));
     using C = ControllerMode;
     const auto refused = [&](C controller, Mode generator) {
       EXPECT_EQ(client.ask(fci::Move{.controller_mode = controller, .motion_generator_mode = generator}),
@@ -258,16 +278,28 @@ TEST(Session, MotionsThatNoVersionHasAreRefused) {
     fci::Move nan;
     nan.maximum_path_deviation.rotation = kNan;
     EXPECT_EQ(client.ask(nan), Status::kInvalidArgument);
+    const auto refused_asynchronous = [&](fci::Move move) {
+      move.use_async_motion_generator = true;
+      EXPECT_EQ(client.ask(move), Status::kInvalidArgument);
+    };
     if (version == 10) {
-      EXPECT_EQ(client.ask(fci::Move{.use_async_motion_generator = true}), Status::kInvalidArgument);
+      const fci::Vector7 slow = {0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5};
+      refused_asynchronous({});
+      refused_asynchronous({.motion_generator_mode = Mode::kJointVelocity, .maximum_velocity = slow});
+      refused_asynchronous({.controller_mode = C::kExternal, .maximum_velocity = slow});
+      for (const double velocity : {0., -0.5, 2.63, kNan}) {
+        fci::Move move{.maximum_velocity = slow};
+        move.maximum_velocity[3] = velocity;
+        refused_asynchronous(move);
+      }
     }
     EXPECT_TRUE(RawClient::idle(client.newest()));
   }
 }
 
 TEST(Session, DuringAMotionSettingsAndMotionsAreRefused) {
-  SimulatedArm arm({"--lockstep"});
-  RawClient client(arm.address(), 10);
+  DrivenArm arm("fr3", lockstep());
+  RawClient client(arm, 10);
   client.start({});
   const auto hold = client.hold();
   const auto refused = [&](std::uint32_t id) {
@@ -290,7 +322,7 @@ TEST(Session, DuringAMotionSettingsAndMotionsAreRefused) {
 
 // --- the program ----------------------------------------------------------------------------------------------------
 
-TEST(Program, SaysWhatItIsWhenItIsReadyAndEndsCleanly) {
+TEST(WallTimeProgram, SaysWhatItIsWhenItIsReadyAndEndsCleanly) {
   SimulatedArm arm({"--robot", "fer", "--protocol", "5", "--lockstep"});
   EXPECT_NE(arm.ready_line().find("Panda"), std::string::npos);
   EXPECT_NE(arm.ready_line().find(arm.address() + ":1337"), std::string::npos);
@@ -298,7 +330,42 @@ TEST(Program, SaysWhatItIsWhenItIsReadyAndEndsCleanly) {
   EXPECT_EQ(arm.terminate(), 0);
 }
 
-TEST(Program, RefusesInOneLineWhatItCannotDo) {
+// Its threads' priorities, as the kernel has them.
+std::vector<int> real_time_priorities(pid_t process) {
+  std::vector<int> priorities;
+  for (const auto& thread : std::filesystem::directory_iterator("/proc/" + std::to_string(process) + "/task")) {
+    const pid_t id = std::stoi(thread.path().filename());
+    sched_param parameters{};
+    if ((::sched_getscheduler(id) & ~SCHED_RESET_ON_FORK) != SCHED_FIFO) continue;
+    if (::sched_getparam(id, &parameters) == 0) priorities.push_back(parameters.sched_priority);
+  }
+  return priorities;
+}
+
+TEST(WallTimeProgram, TakesAPriorityAboveItsClientsWhereThatIsPermittedAndSaysSo) {
+  const int highest = ::sched_get_priority_max(SCHED_FIFO);
+  bool permitted = false;
+  std::thread([&] {
+    const sched_param parameters{.sched_priority = highest};
+    permitted = ::sched_setscheduler(0, SCHED_FIFO, &parameters) == 0;
+  }).join();
+  {
+    SimulatedArm arm({"--arms", "2"});
+    const std::string said = arm.until_ready();
+    EXPECT_NE(said.find(permitted ? "fci-sim: priority " + std::to_string(highest) : "no real-time priority"),
+              std::string::npos)
+        << said;
+    RawClient client(arm.address(), 10);  // the arms' loops run
+    RawClient second(arm.next_address(), 10);
+    EXPECT_EQ(real_time_priorities(arm.process()), std::vector<int>(permitted ? 2 : 0, highest));
+  }
+  SimulatedArm arm({"--lockstep"});
+  EXPECT_EQ(arm.until_ready().find("priority"), std::string::npos);
+  RawClient client(arm.address(), 10);
+  EXPECT_TRUE(real_time_priorities(arm.process()).empty());
+}
+
+TEST(WallTimeProgram, RefusesInOneLineWhatItCannotDo) {
   SimulatedArm first;
   struct Case {
     std::vector<std::string> arguments;
@@ -308,10 +375,10 @@ TEST(Program, RefusesInOneLineWhatItCannotDo) {
       {{}, first.address(), "is taken"},
       {{}, "192.0.2.1", "no address of this computer"},
       {{}, "robot.example", "no IPv4 address"},
-      {{"--scene", "/nowhere.xml"}, SimulatedArm::free_address(), "/nowhere.xml"},
-      {{"--truth", "/nowhere/truth.npy"}, SimulatedArm::free_address(), "/nowhere/truth.npy"},
-      {{"--robot", "ur5"}, SimulatedArm::free_address(), "ur5"},
-      {{"--protocol", "4"}, SimulatedArm::free_address(), "4"},
+      {{"--scene", "/nowhere.xml"}, free_address(), "/nowhere.xml"},
+      {{"--truth", "/nowhere/truth.npy"}, free_address(), "/nowhere/truth.npy"},
+      {{"--robot", "ur5"}, free_address(), "ur5"},
+      {{"--protocol", "4"}, free_address(), "4"},
   };
   for (const Case& wrong : cases) {
     SimulatedArm arm(wrong.arguments, wrong.address);

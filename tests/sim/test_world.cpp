@@ -258,6 +258,17 @@ TEST(World, SaysWhatIsWrongWithAScene) {
   expect("<mujoco><worldbody><site name='arm' euler='10 0 0'/></worldbody></mujoco>", "tilted");
   expect("<mujoco><worldbody><site name='arm'/><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>",
          "has no name");
+  const auto body = [](const std::string& is, const std::string& geom = "size='0.1'") {
+    return "<mujoco><worldbody><site name='arm'/><body name='thing' " + is + "><freejoint/><geom " + geom +
+           "/></body></worldbody></mujoco>";
+  };
+  expect(body("pos='nan 0 0'"), "pos of body \"thing\" is nan");
+  expect(body("pos='0 0 inf'"), "pos of body \"thing\" is inf");
+  expect(body("quat='1 nan 0 0'"), "orientation of body \"thing\"");
+  expect(body("", "size='nan'"), "nan");
+  expect(body("", "size='0.1' mass='nan'"), "nan");
+  expect(body("", "size='0.1' friction='nan 0 0'"), "friction of geom");
+  expect("<mujoco><worldbody><site name='arm' pos='0 nan 0'/></worldbody></mujoco>", "nan");
   expect("<mujoco><worldbody><site name='arm'/><geom type='mesh' mesh='m'/></worldbody></mujoco>", "m");
 }
 

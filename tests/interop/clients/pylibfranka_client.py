@@ -2,6 +2,7 @@
 
 import gc
 import sys
+import time
 
 import numpy as np
 import pylibfranka as franka
@@ -76,6 +77,46 @@ def cartesian_velocity(mode):
     start = robot.read_once()
     drive(robot.start_cartesian_velocity_control(mode), lambda _, t: franka.CartesianVelocities(report.twist(t)))
     report.expect_raised(start.O_T_EE, robot.read_once().O_T_EE)
+
+
+def asynchronous_joint_position():
+    """Targets at 50 Hz, to and fro, then one that is reached; as libfranka's own example async_position_control."""
+    handler_of = franka.AsyncPositionControlHandler
+    start = rest()
+    configured = handler_of.configure(robot, handler_of.Configuration([0.655] * 4 + [1.315] * 3, 0.001))
+    if configured.error_message is not None:
+        raise AssertionError(configured.error_message)
+    handler = configured.handler
+
+    def send(way):
+        goal = [q + way for q in start.q_d]
+        sent = handler.set_joint_position_target(handler_of.JointPositionTarget(goal))
+        if sent.error_message is not None:
+            raise AssertionError(sent.error_message)
+        return goal
+
+    for step in range(60):
+        state = handler.get_target_feedback()
+        if state.error_message is not None:
+            raise AssertionError(state.error_message)
+        goal = send(0.1 if step // 15 % 2 == 0 else -0.1)
+        time.sleep(0.02)
+    reached = False
+    for _ in range(3000):  # states
+        state = handler.get_target_feedback()
+        if state.error_message is not None:
+            raise AssertionError(state.error_message)
+        reached = "reached" in str(state.status).lower()
+        if reached:
+            break
+    if not reached:
+        raise AssertionError(f"the target is not reached: {state.status}")
+    handler.stop_control()
+    state = rest()
+    if state.robot_mode != franka.RobotMode.Idle:
+        raise AssertionError(f"the robot's mode is {state.robot_mode}")
+    for i in range(7):
+        report.expect(f"joint {i + 1}", state.q[i], goal[i], 0.01)
 
 
 def rest():
@@ -203,6 +244,7 @@ report.run(
         for name, mode in INTERNAL.items()
     ]
     + [
+        ("asynchronous joint position", asynchronous_joint_position),
         ("torque", torque),
         ("stop", stop),
         ("reflex and recovery", reflex_and_recovery),
