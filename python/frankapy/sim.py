@@ -41,7 +41,7 @@ from frankapy import proto
 from frankapy.connection import list_arms
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import number, validate, vector
+from frankapy.validation import number, validate, vector, whole
 
 PROGRAMS_VARIABLE = "FRANKAPY_PROGRAMS"
 FCI_PORT, GRIPPER_PORT = 1337, 1338  # fixed, as on the arm
@@ -148,7 +148,7 @@ class ControlChannel:
         along the camera's axis, infinite where nothing is. The arm does not wait for the picture; the first takes a
         second, others some 0.1 s.
         """
-        call = proto.TakeImage(width=_integer("width", width), height=_integer("height", height))
+        call = proto.TakeImage(width=whole("width", width), height=whole("height", height))
         if camera is not None:
             call.camera = camera
         image = self._ask(take_image=call).image
@@ -301,7 +301,7 @@ class ControlChannel:
                            delay=number("delay_in", delay_in)),
                 from_arm=way(loss=number("loss_out", loss_out), delayed=number("delayed_out", delayed_out),
                              delay=number("delay_out", delay_out)),
-                seed=_integer("seed", seed),
+                seed=whole("seed", seed),
             )
         )  # fmt: skip
 
@@ -319,7 +319,7 @@ class ControlChannel:
 
     def step(self, cycles: int = 1) -> None:
         """While paused, let so many cycles (ms) of the world go by, and return when they have."""
-        self._ask(step=proto.StepCycles(cycles=_integer("cycles", cycles)))
+        self._ask(step=proto.StepCycles(cycles=whole("cycles", cycles)))
 
     def resume(self) -> None:
         """End any pause."""
@@ -335,7 +335,7 @@ class ControlChannel:
         Its settings, errors and gripper too; the robot's message_id and its client's connection go on. Frictions stay
         as they are, and when objects were added since, the moment is refused.
         """
-        self._ask(restore=proto.RestoreMoment(moment=_integer("moment", moment)))
+        self._ask(restore=proto.RestoreMoment(moment=whole("moment", moment)))
 
     def disconnect(self) -> None:
         """Close the channel; the next call opens it again."""
@@ -548,10 +548,9 @@ class _Child:
         self._log = log
         self._lines: list[str] = []
         self._first: queue.SimpleQueue[str] = queue.SimpleQueue()
-        libc = ctypes.CDLL(None)
 
         def before_start() -> None:
-            libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)  # when the script is killed
+            die_with_parent()  # when the script is killed
             if processor is not None:
                 os.sched_setaffinity(0, {processor})
 
@@ -606,6 +605,14 @@ class _Child:
             self.process.kill()
             self.process.wait()
         self._reader.join(timeout=1)
+
+
+_libc = ctypes.CDLL(None)
+
+
+def die_with_parent() -> None:
+    """Let this process be told to end (SIGTERM) when its parent has ended, however: `preexec_fn` of subprocess.Popen."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def program(name: str) -> str:
@@ -670,7 +677,7 @@ def _hold(point: ArrayLike | None, link: int | None) -> proto.Hold:
     if point is not None:
         at.point.extend(vector("point", point, 3))
     if link is not None:
-        at.link = _integer("link", link)
+        at.link = whole("link", link)
     return at
 
 
@@ -689,10 +696,3 @@ def _pose(pose: RigidTransform | ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 def _matrix(pose: Sequence[float]) -> np.ndarray:
     return RigidTransform(rotation=np.array(pose[3:]), translation=np.array(pose[:3])).matrix
-
-
-def _integer(name: str, value: int) -> int:
-    whole = int(number(name, value))
-    if whole != value or whole < 0:
-        raise FrankaArmArgumentError(f"{name} is {value!r}: expected a whole number, 0 or more")
-    return whole
