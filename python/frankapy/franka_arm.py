@@ -292,7 +292,8 @@ class FrankaArm:
             d_gains: damping of the server's controller, Nms/rad, (7,); with `use_impedance`.
             block: whether to wait for the end.
             ignore_errors: True: a failure is logged and recovered from. False: it raises FrankaArmException.
-            ignore_virtual_walls: do not refuse goals behind FrankaConstants.WORKSPACE_WALLS.
+            ignore_virtual_walls: do not refuse goals where a box of the arm or the tool touches FrankaConstants.WORKSPACE_WALLS
+                or is behind one.
             skill_desc: goes into states and logs.
 
         Example:
@@ -301,7 +302,8 @@ class FrankaArm:
         joints = vector("joints", joints, 7)
         self._check_reachable(joints)
         if not ignore_virtual_walls:
-            self._check_walls(kinematics.link_frames(joints)[1:, :3, 3], "goto_joints would bring the arm to")
+            tool = self._links(joints)[-1]
+            self._check_walls("goto_joints", arm=collision_boxes.corners_at(joints), tool=tool[None, :3, 3])
         if dynamic:
             controller = _joint_controller(True, cartesian_impedances, joint_impedances, k_gains, d_gains)
             ends = _stream_ends(duration, buffer_time, force_thresholds, torque_thresholds)
@@ -357,7 +359,7 @@ class FrankaArm:
                 `cartesian_impedances`.
             block: whether to wait for the end.
             ignore_errors: True: a failure is logged and recovered from. False: it raises FrankaArmException.
-            ignore_virtual_walls: do not refuse goals behind FrankaConstants.WORKSPACE_WALLS.
+            ignore_virtual_walls: do not refuse goals where tool base or tool is behind FrankaConstants.WORKSPACE_WALLS.
             skill_desc: goes into states and logs.
 
         Example:
@@ -368,9 +370,9 @@ class FrankaArm:
         _check_pose("tool_pose", tool_pose, (_TOOL, _WORLD))
         goal = tool_pose.matrix @ self._tool_delta_pose.inverse().matrix
         if not ignore_virtual_walls:
-            self._check_walls(goal[None, :3, 3], "goto_pose would bring the tool base to")
+            self._check_walls("goto_pose", tool_base=goal[None, :3, 3], tool=tool_pose.matrix[None, :3, 3])
         if dynamic:
-            controller = _pose_controller(True, cartesian_impedances, joint_impedances)
+            controller: Any = _pose_controller(True, cartesian_impedances, joint_impedances)
             controller.topic = _SENSOR_TOPIC
             ends = _stream_ends(duration, buffer_time, force_thresholds, torque_thresholds)
             self._run(proto.StreamPose(topic=_SENSOR_TOPIC), controller, ends, skill_desc, False, ignore_errors, speed=1)
@@ -424,8 +426,11 @@ class FrankaArm:
             delta = tool @ delta @ np.linalg.inv(tool)
         if not ignore_virtual_walls and not self._offline:
             now = self.get_pose(include_tool_offset=False).matrix
-            goal = (now @ delta)[:3, 3] if in_tool else now[:3, 3] + delta[:3, 3]
-            self._check_walls(goal[None], "goto_pose_delta would bring the tool base to")
+            goal = now @ delta
+            if not in_tool:
+                goal[:3, 3] = now[:3, 3] + delta[:3, 3]
+            tool = goal @ self._tool_delta_pose.matrix
+            self._check_walls("goto_pose_delta", tool_base=goal[None, :3, 3], tool=tool[None, :3, 3])
         frame = proto.RelativeMinJerkPose.END_EFFECTOR if in_tool else proto.RelativeMinJerkPose.BASE
         self._run(
             proto.RelativeMinJerkPose(
@@ -677,6 +682,7 @@ class FrankaArm:
         """
         duration = number("duration", duration)
         stay: Message = proto.StayJoint(duration=duration) if use_joints else proto.StayPose(duration=duration)
+        controller: Any
         if use_joints:
             controller = _joint_controller(use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains)
         else:
@@ -1178,7 +1184,8 @@ class FrankaArm:
         """
 
         def ask(on: bool | None = None) -> proto.RecordingStatus:
-            return self._server.ask(proto.Request(record=proto.Record(on=on))).recording
+            record = proto.Record() if on is None else proto.Record(on=on)
+            return self._server.ask(proto.Request(record=record)).recording
 
         def wait(so: Callable[[proto.RecordingStatus], bool]) -> None:
             deadline = time.monotonic() + _RECORDING_TIME
@@ -1268,7 +1275,7 @@ class FrankaArm:
             width: between the fingers, 0 to 0.08 m.
             grasp: False: go there. True: close until the force is met.
             speed: m/s.
-            force: of a grasp, N.
+            force: of a grasp, N, up to 140; 0: the usual one of `close_gripper`, 60.
             epsilon_inner: a grasp succeeds when the width is at most this much smaller, m.
             epsilon_outer: and at most this much larger, m.
             block: whether to wait for the end.
@@ -1289,7 +1296,7 @@ class FrankaArm:
                 grasp=proto.GripperCommand.Grasp(
                     width=width,
                     speed=speed,
-                    force=number("force", force),
+                    force=number("force", force) or None,
                     epsilon_inner=number("epsilon_inner", epsilon_inner),
                     epsilon_outer=number("epsilon_outer", epsilon_outer),
                 )
@@ -1466,12 +1473,16 @@ class FrankaArm:
 
     @property
     def limits(self) -> proto.JointLimits:
-        """Range (q_min, q_max, rad) and greatest velocities (dq_max, rad/s) of the joints of the connected arm."""
+        """Of the joints of the connected arm: range (q_min, q_max, rad), where motions may end (rest_min, rest_max, rad), and
+        greatest velocities (dq_max, rad/s)."""
         return self._server.welcome.limits
 
     def is_joints_reachable(self, joints: Any) -> bool:
-        """Return whether joints (rad, (7,)) are inside the limits of the connected arm; offline, of the FER."""
-        lower, upper = self._joint_limits()
+        """Return whether `goto_joints` finds joints (rad, (7,)) inside the range of the connected arm; offline, of the FER.
+
+        Towards the limits of an FR3 a motion has to end a little before them, by up to 0.05 rad. Walls are not asked.
+        """
+        lower, upper = self._rest_range()
         joints = vector("joints", joints, 7)
         return bool(np.all((lower < joints) & (joints < upper)))
 
@@ -1495,7 +1506,7 @@ class FrankaArm:
         else:
             tool = np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T
         flange = tool_pose.matrix @ np.linalg.inv(tool @ self._tool_delta_pose.matrix)
-        joints, distance, angle = kinematics.inverse(flange, vector("near", near, 7), *self._joint_limits())
+        joints, distance, angle = kinematics.inverse(flange, vector("near", near, 7), *self._rest_range())
         if max(distance, angle) > kinematics.REACHED:
             raise FrankaArmArgumentError(
                 f"Target pose not reachable! The joints come as near as {1e3 * distance:.1f} mm and "
@@ -1518,9 +1529,7 @@ class FrankaArm:
         `use_rigid_transforms` a list of 11: panda_link1 to panda_link8, panda_hand, franka_tool_base, franka_tool, the
         last three with the hand's axes, so that the last one agrees with `get_pose`.
         """
-        frames = kinematics.link_frames(vector("joints", joints, 7))
-        base = kinematics.turned_about_z(frames[9], kinematics.HAND_YAW)
-        tool = base @ self._tool_delta_pose.matrix
+        frames, base, tool = self._links(vector("joints", joints, 7))
         if not use_rigid_transforms:
             return np.concatenate([frames, frames[9:], kinematics.turned_about_z(tool, -kinematics.HAND_YAW)[None]])
         hand = kinematics.turned_about_z(frames[8], kinematics.HAND_YAW)
@@ -1654,6 +1663,12 @@ class FrankaArm:
             raise FrankaArmException("The server has no hand on this arm.")
         return state.gripper
 
+    def _links(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the frames of kinematics.link_frames, and those of tool base and tool as `get_pose` has them."""
+        frames = kinematics.link_frames(joints)
+        base = kinematics.turned_about_z(frames[9], kinematics.HAND_YAW)
+        return frames, base, base @ self._tool_delta_pose.matrix
+
     def _joints_or_now(self, joints: Any) -> np.ndarray:
         return self.get_joints() if joints is None else vector("joints", joints, 7)
 
@@ -1667,34 +1682,32 @@ class FrankaArm:
         if self._motions is not None and not there_is_one:
             self._motions.running = None
 
-    def _joint_limits(self) -> tuple[np.ndarray, np.ndarray]:
-        if self._connection is not None and len(self._connection.welcome.limits.q_min) == 7:
-            limits = self._connection.welcome.limits
-            return np.array(limits.q_min), np.array(limits.q_max)
-        return np.array(FC.JOINT_LIMITS_MIN), np.array(FC.JOINT_LIMITS_MAX)
+    def _rest_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return where motions of the joints may end, rad: of the connected arm; offline of the FER."""
+        if self._connection is None or len(self._connection.welcome.limits.rest_min) != 7:
+            return np.array(FC.JOINT_LIMITS_MIN), np.array(FC.JOINT_LIMITS_MAX)
+        limits = self._connection.welcome.limits
+        return np.array(limits.rest_min), np.array(limits.rest_max)
 
     def _check_reachable(self, joints: np.ndarray) -> None:
-        lower, upper = (limit.tolist() for limit in self._joint_limits())
+        lower, upper = (limit.tolist() for limit in self._rest_range())
         for i in range(7):
             if not lower[i] < joints[i] < upper[i]:
                 raise FrankaArmArgumentError(
                     f"Joints not reachable! joints[{i}] is {joints[i]:.4f} rad: expected between {lower[i]:.4f} and "
-                    f"{upper[i]:.4f}, the limits of joint {i + 1}"
+                    f"{upper[i]:.4f}, where joint {i + 1} of this arm may come to rest"
                 )
 
-    @staticmethod
-    def _check_walls(points: np.ndarray, what: str) -> None:
-        walls = np.asarray(FC.WORKSPACE_WALLS, dtype=float).tolist()
-        for axis, name in enumerate("xyz"):
-            places = [wall[axis] for wall in walls if min(range(3), key=wall[6:9].__getitem__) == axis]
-            if not places:
-                continue
-            lower, upper = min(places), max(places)
-            beyond = [value for value in points[:, axis].tolist() if not lower < value < upper]
-            if beyond:
+    def _check_walls(self, what: str, **points: np.ndarray) -> None:
+        """Raise FrankaArmArgumentError for points (m, (n, 3), by the name of what is there) behind the WORKSPACE_WALLS."""
+        for name, where in points.items():
+            found = collision_boxes.behind(FC.WORKSPACE_WALLS, where, whole_wall=name == "arm")
+            if found is not None:
+                wall, point = found
                 raise FrankaArmArgumentError(
-                    f"{what} {name} = {beyond[0]:.3f} m: the virtual walls are at {lower:g} and {upper:g} m "
-                    f"(FrankaConstants.WORKSPACE_WALLS). ignore_virtual_walls=True goes there all the same"
+                    f"{what} would bring the {name.replace('_', ' ')} to "
+                    f"{collision_boxes.place(FC.WORKSPACE_WALLS[wall], where[point])} (FrankaConstants.WORKSPACE_WALLS[{wall}]). "
+                    f"ignore_virtual_walls=True goes there all the same"
                 )
 
     def _newest_state(self) -> proto.ArmState | None:
@@ -1736,7 +1749,7 @@ def _end(at_goal: Message, force_thresholds: Any, torque_thresholds: Any) -> Mes
     if force_thresholds is None and torque_thresholds is None:
         return at_goal
     thresholds = {"force_thresholds": (force_thresholds, 6), "torque_thresholds": (torque_thresholds, 7)}
-    given = {
+    given: dict[str, Any] = {
         name: vector(name, each, size)
         for name, (each, size) in thresholds.items()
         if each is not None and not (isinstance(each, Sized) and len(each) == 0)

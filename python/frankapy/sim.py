@@ -14,6 +14,7 @@ What `frankapy sim`, the examples and the tests start; a script may do so too:
 from __future__ import annotations
 
 import ctypes
+import errno
 import json
 import os
 import queue
@@ -31,7 +32,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 import zmq
@@ -115,7 +116,7 @@ class ControlChannel:
         """
         self._address = address
         self._lock = threading.Lock()
-        self._socket: zmq.Socket | None = None
+        self._socket: zmq.Socket[bytes] | None = None
         self.truth()
 
     # --- what is so -------------------------------------------------------------------------------------------------
@@ -239,14 +240,14 @@ class ControlChannel:
             friction: sliding, against things of the scene; the arm's fingers and links keep their own.
             colour: red, green, blue from 0 to 1.
         """
-        shapes = {kind.lower(): value for kind, value in proto.AddObject.Shape.items()}
+        shapes = [kind.lower() for kind in proto.AddObject.Shape.keys()]
         if shape not in shapes:
             raise FrankaArmArgumentError(f"shape is {shape!r}: expected one of {', '.join(shapes)}")
         position, quaternion = _pose(pose)
         sizes = np.atleast_1d(np.asarray(size, dtype=float)).ravel()
         self._ask(
             add_object=proto.AddObject(
-                name=name, shape=shapes[shape], size=sizes, mass=number("mass", mass), position=position,
+                name=name, shape=shape.upper(), size=sizes, mass=number("mass", mass), position=position,
                 quaternion=quaternion, friction=number("friction", friction), colour=vector("colour", colour, 3),
             )
         )  # fmt: skip
@@ -342,10 +343,10 @@ class ControlChannel:
         with self._lock:
             self._drop()
 
-    def _press(self, button: int, pressed: bool) -> None:
+    def _press(self, button: proto.PressButton.Button, pressed: bool) -> None:
         self._ask(press_button=proto.PressButton(button=button, pressed=bool(pressed)))
 
-    def _ask(self, **call: object) -> proto.SimulationReply:
+    def _ask(self, **call: Any) -> proto.SimulationReply:
         request = proto.SimulationCall(**call)
         validate(request)
         patience = _PATIENCE
@@ -356,10 +357,10 @@ class ControlChannel:
         with self._lock:
             if self._socket is None:
                 self._socket = zmq.Context.instance().socket(zmq.REQ)
-                self._socket.linger = 0
+                self._socket.setsockopt(zmq.LINGER, 0)
                 self._socket.connect(f"tcp://{self._address}:{CONTROL_PORT}")
             self._socket.send(request.SerializeToString())
-            if not self._socket.poll(patience * 1000):
+            if not self._socket.poll(round(patience * 1000)):
                 self._drop()
                 raise FrankaArmCommException(
                     f"No simulated arm answers on {self._address}:{CONTROL_PORT} within {patience:g} s: does fci-sim run "
@@ -458,6 +459,11 @@ class Simulation(ControlChannel):
     def _start_arm(self, arm: SimulatedArm, processor: int | None) -> list[str]:
         # Its last line of those that say where an arm is tells that all are ready.
         address = arm.address or free_address(arm.arms or 16)
+        if arm.address is not None and not _is_free(arm.address, FCI_PORT):
+            raise FrankaArmException(
+                f"{arm.address}:{FCI_PORT} is taken: is there a simulated arm of another run? End it, or leave the address out and "
+                f"a free one is taken.{''.join(f' fci-sim runs with process id {pid}.' for pid in left_over_arms())}"
+            )
         command = [program("fci-sim"), "--robot", arm.robot, "--listen", address, "--protocol", str(arm.protocol)]
         command += ["--lockstep"] * arm.lockstep + ["--ideal"] * arm.ideal
         command += ["--speed", str(arm.speed), "--seed", str(arm.seed)]
@@ -503,6 +509,8 @@ class Simulation(ControlChannel):
         record: str | None,
         recordings: str | os.PathLike[str] | None,
     ) -> str:
+        if port:
+            _require_free_port(listen, port)
         config = Path(self._folder.name) / "arms.toml"
         text = f"load = {json.dumps([os.path.abspath(path) for path in load])}\n"
         for i, (address, loop) in enumerate(zip(self.addresses, self._loops, strict=True), 1):
@@ -633,6 +641,48 @@ def program(name: str) -> str:
     )
 
 
+def left_over_arms() -> list[int]:
+    """Return the process ids of this user's fci-sim which outlived the Python program that had started them."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        try:
+            if not folder.name.isdigit() or folder.stat().st_uid != os.getuid() or (folder / "comm").read_text() != "fci-sim\n":
+                continue
+            _, parent, _, session = (folder / "stat").read_text().rpartition(")")[2].split()[:4]
+            # A Simulation gives each a session of its own; one that was started from a shell is in the shell's.
+            if session == folder.name and "python" not in os.readlink(f"/proc/{parent}/exe"):
+                found.append(int(folder.name))
+        except OSError:  # it has just ended, or its parent is not ours to look at
+            continue
+    return sorted(found)
+
+
+def _is_free(address: str, port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # what has just ended does not count
+        try:
+            probe.bind((address, port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                return False
+            raise FrankaArmException(f"No program can listen at {address}:{port}: {error.strerror}") from None
+    return True
+
+
+def _require_free_port(listen: str, port: int) -> None:
+    if _is_free(listen, port):
+        return
+    host = "127.0.0.1" if listen == "0.0.0.0" else listen
+    try:
+        arms = ", ".join(f"{arm.name} at {arm.address}" for arm in list_arms(f"{host}:{port}"))
+        who = f"by a franka-interface with {arms}. It may be of another run, which Ctrl-C in its terminal ends"
+    except FrankaArmCommException:
+        who = "by another program"
+    raise FrankaArmException(
+        f"Port {port} of {listen} is taken, {who}. Port 0 takes a free one (`frankapy sim --port 0`, Simulation(port=0))."
+    )
+
+
 def free_address(arms: int = 1) -> str:
     """Return a loopback address on which, and on those that follow, the ports of a robot are free."""
     generator = random.SystemRandom()
@@ -653,7 +703,7 @@ def free_address(arms: int = 1) -> str:
 def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: float = 10.0) -> np.ndarray:
     """Return what fci-sim wrote with --truth: a structured array, one row for each cycle; SI units, base frame.
 
-    It is written every 100 cycles. With `until` (a cycle: the robot's message_id where the world never stood still,
+    It is written every 100 cycles, and at the end. With `until` (a cycle: the robot's message_id where the world never stood still,
     else Truth.cycle) this waits until that cycle is in the file, at most `timeout` (s) for a row to come;
     FrankaArmException when it does not.
     """
@@ -683,15 +733,16 @@ def _hold(point: ArrayLike | None, link: int | None) -> proto.Hold:
 
 def _pose(pose: RigidTransform | ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Return position and quaternion (w, x, y, z)."""
+    given: Any = pose
     if not hasattr(pose, "quaternion"):
         array = np.asarray(pose, dtype=float)
         if array.shape == (4, 4):
-            pose = RigidTransform(rotation=array[:3, :3], translation=array[:3, 3])
+            given = RigidTransform(rotation=array[:3, :3], translation=array[:3, 3])
         elif array.shape == (3,):
-            pose = RigidTransform(translation=array)
+            given = RigidTransform(translation=array)
         else:
             raise FrankaArmArgumentError(f"pose has the shape {array.shape}: expected (4, 4), or (3,) for a position")
-    return np.asarray(pose.translation), np.asarray(pose.quaternion)
+    return np.asarray(given.translation), np.asarray(given.quaternion)
 
 
 def _matrix(pose: Sequence[float]) -> np.ndarray:

@@ -34,7 +34,7 @@ def make_skill(
         )
     skill = proto.Skill(
         description=description,
-        robot_controller=proto.RobotController.Value(robot_controller.upper()),
+        robot_controller=robot_controller.upper(),
         speed=number("speed", speed),
     )
     if start_time is not None:

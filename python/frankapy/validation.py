@@ -172,10 +172,15 @@ def validate(message: Message) -> None:
 def _rules(descriptor: Descriptor) -> list[tuple[FieldDescriptor, str, rules_pb2.FieldRule, bool]]:
     """Return the fields of a message with their names for people, their rules, and whether they are lists."""
     return [
-        (field, f"{descriptor.name}.{field.name}", field.GetOptions().Extensions[rules_pb2.rule], is_repeated(field))
+        (field, f"{descriptor.name}.{field.name}", rule_of(field), is_repeated(field))
         for field in descriptor.fields
         if field.message_type is None or field.message_type.full_name != "google.protobuf.Any"
     ]
+
+
+def rule_of(field: FieldDescriptor) -> rules_pb2.FieldRule:
+    """Return what wire/proto says of a field: unit, size, range, defaults."""
+    return field.GetOptions().Extensions[rules_pb2.rule]  # type: ignore[index]  # the stubs take an extension for a field
 
 
 def _check_elements(name: str, values: Any, rule: rules_pb2.FieldRule) -> None:
@@ -225,7 +230,7 @@ def is_repeated(field: FieldDescriptor) -> bool:
     try:
         return bool(field.is_repeated)
     except AttributeError:
-        return bool(field.label == FieldDescriptor.LABEL_REPEATED)
+        return bool(field.label == FieldDescriptor.LABEL_REPEATED)  # type: ignore[attr-defined]
 
 
 def _text(value: float) -> str:

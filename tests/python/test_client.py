@@ -429,12 +429,18 @@ def test_what_was_lost_with_its_server_is_told_once(what):
         arm.close()
 
 
-def test_a_read_finds_the_arm_again_that_was_lost():
+def test_a_read_whose_server_ended_asks_the_next_one():
+    joints = []
     with ScriptedServer() as server:
         arm = FrankaArm(server=server.address)
-        assert list(arm.get_joints()) == HOME
+        asked = len(server.calls("get_state"))
+        server.silent = True
+        reader = threading.Thread(target=lambda: joints.extend(arm.get_joints()))
+        reader.start()
+        wait_until(lambda: len(server.calls("get_state")) > asked)
     with ScriptedServer(port=int(server.address.rpartition(":")[2])):
-        assert list(arm.get_joints()) == HOME
+        reader.join()
+        assert joints == HOME
         arm.close()
 
 
