@@ -23,7 +23,7 @@ JUNIT := $(CURDIR)/$(BUILD)/junit
 
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly wall wall-20 bench \
+.PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly types wall wall-20 bench \
 	interop interop-lockstep peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
@@ -57,6 +57,10 @@ test-python: programs $(VENV)/.frankapy
 
 test-nightly: programs $(VENV)/.frankapy
 	$(PYTEST) -m nightly
+
+types: programs $(VENV)/.frankapy ## check the types of the Python package
+	@mkdir -p $(JUNIT)
+	cd python && $(CURDIR)/$(VENV)/bin/python -m mypy --junit-xml $(JUNIT)/types.xml
 
 wall: build $(VENV)/.frankapy
 	$(CTEST) -j 1 -L wall; cpp=$$?; $(PYTEST) -m wall && exit $$cpp

@@ -11,6 +11,7 @@ import textwrap
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -145,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     options = parser.parse_args(arguments)
     try:
-        return options.run(options)
+        return int(options.run(options))
     except FrankaArmException as error:
         print(error.message, file=sys.stderr)
         return 1
@@ -207,7 +208,7 @@ def _plot(options: argparse.Namespace) -> int:
 
     if plt.get_backend().lower() == "agg":
         raise FrankaArmException("There is no screen to show it on: write it to a file with --save FILE.png")
-    manager = plt.figure().canvas.manager
+    manager: Any = plt.figure().canvas.manager
     manager.canvas.figure = figure
     figure.set_canvas(manager.canvas)
     plt.show()
@@ -431,8 +432,10 @@ def _print_rows(title: str, rows: Sequence[tuple[str, str]]) -> None:
 
 
 def _sim(options: argparse.Namespace) -> int:
-    from frankapy.sim import SimulatedArm, Simulation
+    from frankapy.sim import SimulatedArm, Simulation, left_over_arms
 
+    for pid in left_over_arms():
+        print(f"note: a simulated arm of another run is left over and takes processor time: `kill {pid}` ends it", file=sys.stderr)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     robots = options.robot or ["fr3"]
     arms = SimulatedArm(

@@ -1,7 +1,9 @@
-"""The arm as twelve boxes, and whether they meet others: a quick check of the client's, with the published interface's boxes."""
+"""The arm as twelve boxes, whether they meet others, and what is behind virtual walls: a quick check of the client's, with the
+published interface's boxes. The server's own walls (docs/walls.md) are checked there, with the robot's capsules."""
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ import numpy as np
 from frankapy import kinematics
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import vector
+from frankapy.validation import Floats, table, vector
 
 # Figures of the public frankapy: sizes (m), the frame of kinematics.link_frames that carries each, and its pose there.
 SHAPES = np.array(
@@ -98,3 +100,42 @@ def arm_meets(box: Any, joints: np.ndarray) -> bool:
     """Return whether the arm at `joints` (rad, (7,)) meets a box (see `as_box`)."""
     pose, size = as_box(box)
     return any(meet(pose, size, own, own_size) for own, own_size in zip(poses_at(joints), SHAPES, strict=True))
+
+
+def behind(walls: Any, points: Floats, whole_wall: bool = False) -> tuple[int, int] | None:
+    """Return the numbers of the first wall and point that is behind it; None when all points are before all walls.
+
+    Args:
+        walls: boxes (see `as_box`), (n, 9). Behind is what the plane of its two longer sides parts from the base of the arm.
+        points: m, in the base, (m, 3).
+        whole_wall: also what is in the half of it that is nearer to the base.
+    """
+    for number, wall in enumerate(table("walls", walls, 9)):
+        pose, size = as_box(wall)
+        thin = int(np.argmin(size))
+        outward = pose[:3, thin]
+        distance = float(outward @ pose[:3, 3])
+        if distance < 0:  # the base is on the other side
+            outward, distance = -outward, -distance
+        beyond = np.flatnonzero(points @ outward >= distance - (size[thin] / 2 if whole_wall else 0))
+        if distance > 0 and len(beyond):
+            return number, int(beyond[0])
+    return None
+
+
+def corners_at(joints: Floats) -> Floats:
+    """Return the corners of the arm's boxes in the base at `joints` (rad, (7,)); m, (12 * 8, 3), box after box."""
+    signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    poses = poses_at(joints)
+    return np.concatenate([signs * size @ pose[:3, :3].T + pose[:3, 3] for pose, size in zip(poses, SHAPES, strict=True)])
+
+
+def place(wall: Any, point: Floats) -> str:
+    """Say where a point (m, (3,)) is and where the wall that it is behind."""
+    pose, size = as_box(wall)
+    outward = pose[:3, int(np.argmin(size))]
+    axis = int(np.argmax(np.abs(outward)))
+    if abs(outward[axis]) > 1 - 1e-9:
+        return f"{'xyz'[axis]} = {point[axis]:.3f} m, and one of the virtual walls is at {pose[axis, 3]:g} m"
+    text = ", ".join(f"{value:.3f}" for value in point)
+    return f"[{text}] m, {abs(outward @ (point - pose[:3, 3])):.3f} m behind the middle of one of the virtual walls"

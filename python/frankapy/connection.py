@@ -29,16 +29,20 @@ from frankapy.exceptions import (
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
 )
+from frankapy.validation import whole
 
 SERVER_VARIABLE = "FRANKA_INTERFACE_SERVER"
 DEFAULT_PORT = 5757
 DEFAULT_SERVER = f"127.0.0.1:{DEFAULT_PORT}"
+
+READY_TIME = 10.0  # s that an arm may need to recover
 
 _ALIVE_PERIOD = 0.2  # s; the server frees the lease of a client that is silent for much longer
 _SILENCE = 3.0  # s without an answer after which the server is taken for gone
 _START_TIME = 10.0  # s that an arm's process may need to be ready
 _CLOCK_QUESTIONS = 10
 _END_TIME = 1.0  # s that the supervisor may need to say how an arm's process ended
+_MAX_REQUEST = 8 << 20  # bytes; a longer one would end its connection (kMaxMessage of src/server/transport.cpp)
 
 _EXCEPTIONS = {
     proto.Error.INVALID_ARGUMENT: FrankaArmArgumentError,
@@ -50,10 +54,19 @@ _EXCEPTIONS = {
 }
 # Answers after which another of the same request follows.
 _PRELIMINARY = ("skill_started", "gripper_started")
+# Requests that may come twice: where the arm's process ended before its answer, its successor is asked.
+_REPEATABLE = ("get_state", "list_topics", "skill_status", "stop_skill")
+# The server's texts are for clients in any language: how what they advise is called here.
+_ADVICE = [
+    ("then recover", "fa.wait_for_franka_interface() recovers it"),
+    ("preempt", "fa.wait_for_skill(), fa.stop_skill(), fa.run(..., preempt=True), or both motions in fa.sequence()"),
+]
 
 
 def server_address(server: str | None = None) -> tuple[str, int]:
     """Return host and port of the supervisor: of the argument, else of $FRANKA_INTERFACE_SERVER, else the default."""
+    if server is not None and not isinstance(server, str):
+        raise FrankaArmArgumentError(f"server is {server!r}: expected host or host:port, as in {DEFAULT_SERVER!r}")
     name = "server" if server else f"${SERVER_VARIABLE}"
     text = server or os.environ.get(SERVER_VARIABLE) or DEFAULT_SERVER
     host, colon, port = text.removeprefix("tcp://").rpartition(":")
@@ -108,6 +121,7 @@ def list_arms(server: str | None = None) -> list[proto.Arms.Arm]:
 
 def find_arm(server: str | None, robot_num: int) -> proto.Arms.Arm:
     """Return the arm of that number, from 1; raises as `list_arms`, FrankaArmArgumentError when there is none."""
+    robot_num = whole("robot_num", robot_num)
     arms = list_arms(server)
     if not 1 <= robot_num <= len(arms):
         there = ", ".join(f"{i} ({arm.name})" for i, arm in enumerate(arms, 1)) or "none"
@@ -132,7 +146,13 @@ def reachable(endpoint: str, host: str) -> str:
 def raise_error(reply: proto.Reply) -> None:
     """Raise the exception of an answer that is an error."""
     if reply.WhichOneof("answer") == "error":
-        raise _EXCEPTIONS.get(reply.error.code, FrankaArmException)(reply.error.message)
+        raise _EXCEPTIONS.get(reply.error.code, FrankaArmException)(advised(reply.error.message))
+
+
+def advised(text: str) -> str:
+    """Return what a server says with the names of the calls that do what it advises."""
+    advice = next((calls for words, calls in _ADVICE if words in text), None)
+    return f"{text} (in Python: {advice})" if advice else text
 
 
 def _parse_reply(data: bytes) -> proto.Reply | None:
@@ -152,11 +172,23 @@ class Call:
         self._first_reply: proto.Reply | None = None
         self._last_reply: proto.Reply | None = None
         self._failure: str | None = None
+        self._pid = os.getpid()
 
     def first(self) -> proto.Reply:
         """Wait for the first answer; raises what an error stands for, FrankaArmCommException when nobody is there."""
+        self._check_process()
         self._first.wait()
         return self._checked(self._first_reply)
+
+    @property
+    def kind(self) -> str:
+        """Which request this is: the name of its field in proto.Request."""
+        return str(self.request.WhichOneof("call"))
+
+    @property
+    def was_lost(self) -> bool:
+        """Whether the connection ended before its first answer."""
+        return self._first.is_set() and self._first_reply is None
 
     @property
     def was_unknown(self) -> bool:
@@ -170,12 +202,20 @@ class Call:
 
     def last(self, timeout: float) -> proto.Reply | None:
         """Wait for the last answer; None when it has not come after `timeout` (s). Raises as `first` does."""
+        self._check_process()
         return self.final() if self._last.wait(timeout) else None
 
     def final(self) -> proto.Reply:
         """Wait for the last answer, however long. Raises as `first` does."""
+        self._check_process()
         self._last.wait()
         return self._checked(self._last_reply)
+
+    def _check_process(self) -> None:
+        if os.getpid() != self._pid:
+            raise FrankaArmCommException(
+                "This was asked for before the program forked, and the answer comes to the process that asked: wait for it there."
+            )
 
     def _checked(self, reply: proto.Reply | None) -> proto.Reply:
         if reply is None:
@@ -212,6 +252,8 @@ class _Channel:
         self.lost: str | None = None  # why, once it is
         self._ids = itertools.count(1)
         self._outgoing: collections.deque[Call | None] = collections.deque()
+        # Of which the last answer has not come. Written down before they are sent, so that a signal handler finds them.
+        self._pending: dict[int, Call] = {}
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_write, False)
         self._context = zmq.Context()
@@ -222,14 +264,22 @@ class _Channel:
         """Send a request. Safe in a signal handler."""
         request.request_id = next(self._ids)
         call = Call(request)
-        if self.lost is not None:
-            call.fail(self.lost)
-            return call
-        self._outgoing.append(call)
-        self._wake()
-        if self.lost is not None:  # in between: the thread may have ended without having seen it
+        self._pending[request.request_id] = call
+        if self.lost is None:
+            self._outgoing.append(call)
+            self._wake()
+        if self.lost is not None:  # also in between: the thread may have ended without having seen it
+            self._pending.pop(request.request_id, None)
             call.fail(self.lost)
         return call
+
+    def stop_commands(self) -> None:
+        """Ask for a stop of motions and gripper commands that are under way. Safe in a signal handler; waits for nothing."""
+        under_way = {call.kind: call for call in list(self._pending.values())}
+        if "start_skill" in under_way:
+            self.send(proto.Request(stop_skill=proto.StopSkill()))
+        if "gripper" in under_way and not under_way["gripper"].request.gripper.HasField("stop"):
+            self.send(proto.Request(gripper=proto.GripperCommand(stop=proto.GripperCommand.StopGripper())))
 
     def close(self) -> None:
         """Say Goodbye, and end."""
@@ -248,7 +298,7 @@ class _Channel:
         dealer.linger = 200  # ms, for Goodbye
         monitor = dealer.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         dealer.connect(self.endpoint)
-        pending: dict[int, Call] = {}
+        pending = self._pending
         commands = False  # whether this client may have the lease
         unanswered_since: float | None = None
         next_alive = 0.0
@@ -260,7 +310,7 @@ class _Channel:
 
         def transmit(call: Call) -> None:
             nonlocal unanswered_since
-            pending[call.request.request_id] = call
+            pending[call.request.request_id] = call  # those of this thread too
             dealer.send(call.request.SerializeToString())
             if unanswered_since is None:
                 unanswered_since = time.monotonic()
@@ -277,7 +327,7 @@ class _Channel:
                     dealer.send(proto.Request(request_id=0, goodbye=proto.Goodbye()).SerializeToString())
                     reason = "This connection was closed."
                     break
-                commands = commands or call.request.WhichOneof("call") in ("start_skill", "change_skill", "gripper", "recover")
+                commands = commands or call.kind in ("start_skill", "change_skill", "gripper", "recover")
                 transmit(call)
             while dealer.poll(0):
                 reply = _parse_reply(dealer.recv())
@@ -289,7 +339,7 @@ class _Channel:
                     self.lost = reason  # before the caller hears of it, who then sends over a new channel
                 call = pending.get(reply.request_id)
                 if call is not None and call.answer(reply):
-                    del pending[reply.request_id]
+                    pending.pop(reply.request_id, None)
             if monitor in ready and not reason:
                 how = self._how_it_ended()
                 reason = (
@@ -311,8 +361,8 @@ class _Channel:
                 )
 
         self.lost = reason
-        for call in [*pending.values(), *(c for c in self._outgoing if c is not None)]:
-            call.fail(reason)
+        while pending:
+            pending.popitem()[1].fail(reason)
         dealer.disable_monitor()
         monitor.close(linger=0)
         dealer.close()
@@ -341,7 +391,20 @@ class Connection:
         self._channel = self._open()
 
     def send(self, request: proto.Request) -> Call:
-        """Send a request, over a new connection where the old one is gone."""
+        """Send a request, over a new connection where the old one is gone.
+
+        Raises FrankaArmArgumentError for one that is too long for the server.
+        """
+        if (size := request.ByteSize()) > _MAX_REQUEST:
+            raise FrankaArmArgumentError(f"{request.WhichOneof('call')} has {size} bytes: expected at most {_MAX_REQUEST}")
+        return self._open_channel().send(request)
+
+    def current_welcome(self) -> proto.Welcome:
+        """Return what the arm's process said when it was met, after meeting it again where the connection was lost."""
+        self._open_channel()
+        return self.welcome
+
+    def _open_channel(self) -> _Channel:
         channel = self._channel
         if self._closed:
             raise FrankaArmCommException("This FrankaArm was closed; make a new one.")
@@ -351,10 +414,12 @@ class Connection:
                     self._channel = self._open()
                     self._pid = os.getpid()
                 channel = self._channel
-        return channel.send(request)
+        return channel
 
     def start(self, request: proto.Request) -> Call:
-        """Send a request and wait for its first answer; once more when the arm's process does not know this client.
+        """Send a request and wait for its first answer.
+
+        Sent once more when the arm's process does not know this client, and what may come twice when that process has ended.
 
         Raises what an error stands for, FrankaArmCommException when the arm's process is gone.
         """
@@ -363,7 +428,7 @@ class Connection:
             call.first()
         except FrankaArmCommException:
             # Nothing else is sent twice: a motion might be made twice.
-            if not call.was_unknown:
+            if not (call.was_unknown or (call.was_lost and call.kind in _REPEATABLE)):
                 raise
             call = self.send(request)
             call.first()
@@ -373,10 +438,34 @@ class Connection:
         """Return the first answer to a request; see `start`."""
         return self.start(request).first()
 
-    def stop_from_signal_handler(self) -> None:
-        """Ask for a stop, and wait for nothing."""
+    def state(self) -> proto.ArmState:
+        """Return the newest state that the arm's process knows."""
+        return self.ask(proto.Request(get_state=proto.GetState())).state
+
+    def wait_until_ready(self, timeout: float = READY_TIME, recover: bool = True) -> None:
+        """Wait until the arm can move; one in error is told to recover, or is taken as it is.
+
+        Raises FrankaArmCommException when it cannot move after `timeout` (s), with the reason.
+        """
+        deadline = time.monotonic() + timeout
+        while True:
+            try:
+                phase = self.state().phase
+                if phase == proto.ERROR and recover:
+                    self.ask(proto.Request(recover=proto.Recover()))
+                elif phase != proto.CONNECTING and not (phase == proto.RECOVERING and recover):
+                    return
+                reason = f"its phase is {proto.Phase.Name(phase)}"
+            except FrankaArmFrankaInterfaceNotReadyException as error:
+                reason = error.message
+            if time.monotonic() > deadline:
+                raise FrankaArmCommException(f"The arm is not ready after {timeout:g} s: {reason}")
+            time.sleep(0.01)
+
+    def stop_commands(self) -> None:
+        """Ask for a stop of what this client has under way, arm and hand. Safe in a signal handler; waits for nothing."""
         if not self._closed and self._pid == os.getpid():
-            self._channel.send(proto.Request(stop_skill=proto.StopSkill()))
+            self._channel.stop_commands()
 
     @functools.cached_property
     def clock_difference(self) -> tuple[float, float]:
@@ -387,7 +476,7 @@ class Connection:
         estimates = []
         for _ in range(_CLOCK_QUESTIONS):
             sent = time.time()
-            state = self.ask(proto.Request(get_state=proto.GetState())).state
+            state = self.state()
             back = time.time()
             theirs = state.time_ns * 1e-9 + state.age
             estimates.append(((back - sent) / 2, theirs - (sent + back) / 2))

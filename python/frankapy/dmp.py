@@ -98,7 +98,7 @@ class Primitive:
         values: dict[str, Any] = dict(weights=weights.ravel(), duration=T)
         if sensor_values is not None:
             values["initial_sensor_values"] = self._sensor_values(sensor_values)
-        spring = dict(tau=0.5 / T, alpha=self.alpha, beta=self.alpha / 4, mu=self.mu, h=self.h)
+        spring: dict[str, Any] = dict(tau=0.5 / T, alpha=self.alpha, beta=self.alpha / 4, mu=self.mu, h=self.h)
         if self.kind == "joint":
             return proto.JointDmp(**spring, **values)
         if self.kind == "position":
@@ -130,10 +130,13 @@ class Primitive:
         """Return the orientations of a pose's rollout; w, x, y, z (n, 4), from `start` to `goal` (None: as learned)."""
         if self.kind != "pose":
             raise FrankaArmArgumentError(f"This is a primitive of {self.kind}: it has no orientation")
+        quat_mu, quat_h, learned_start, learned_goal, quat_weights = (
+            np.asarray(each) for each in (self.quat_mu, self.quat_h, self.start_orientation, self.goal_orientation, self.quat_weights)
+        )
         T = self.duration if duration is None else number("duration", duration)
-        begin = self.start_orientation if start is None else vector("start", start, 4)
-        end = self.goal_orientation if goal is None else vector("goal", goal, 4)
-        force = lambda t: _gaussians(np.exp(-t / T), self.quat_mu, self.quat_h) @ self.quat_weights[:, 0].T  # type: ignore[index]  # noqa: E731
+        begin = learned_start if start is None else vector("start", start, 4)
+        end = learned_goal if goal is None else vector("goal", goal, 4)
+        force = lambda t: _gaussians(np.exp(-t / T), quat_mu, quat_h) @ quat_weights[:, 0].T  # noqa: E731
         r = _spring(force, T, self.quat_alpha**2 / 4 / T**2, self.quat_alpha / T, 1 / T**2, _log(_between(begin, end)))
         return _product(_exp(r), end)
 
@@ -147,7 +150,8 @@ class Primitive:
         if self.kind != "joint":
             rows = np.linspace(0, len(y) - 1, _WAYPOINTS).round().astype(int)
             orientations = self.orientations(duration)[rows] if self.kind == "pose" else [fa.get_pose(False).quaternion] * _WAYPOINTS
-            joints, path = fa.get_joints(), []
+            joints = fa.get_joints()
+            path: list[np.ndarray] = []
             for position, orientation in zip(y[rows], orientations, strict=True):
                 base = RigidTransform(RigidTransform.rotation_from_quaternion(orientation), position, "franka_tool_base", "world")
                 try:
@@ -349,7 +353,7 @@ def _features(t: np.ndarray, tau: float, mu: np.ndarray, h: np.ndarray) -> np.nd
     return np.concatenate([(u**3 * (10 - 15 * u + 6 * u**2))[..., None], functions], axis=-1)
 
 
-def _gaussians(x: Any, mu: np.ndarray | None, h: np.ndarray | None) -> np.ndarray:
+def _gaussians(x: Any, mu: np.ndarray, h: np.ndarray) -> np.ndarray:
     psi = np.exp(-h * (np.asarray(x)[..., None] - mu) ** 2)
     return psi * np.asarray(x)[..., None] / (1e-8 + psi.sum(axis=-1, keepdims=True))
 

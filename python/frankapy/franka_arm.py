@@ -6,27 +6,27 @@ import contextlib
 import logging
 import math
 import os
-import signal
-import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import FrameType, TracebackType
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from types import TracebackType
 from typing import Any
 
 import numpy as np
 from google.protobuf.message import Message
 
 from frankapy import collision_boxes, dmp, kinematics, proto
-from frankapy.connection import Call, Connection
+from frankapy.connection import Connection
 from frankapy.demonstration import Demonstration
 from frankapy.exceptions import (
     FrankaArmArgumentError,
     FrankaArmCommException,
     FrankaArmException,
-    FrankaArmFrankaInterfaceNotReadyException,
 )
 from frankapy.franka_constants import FrankaConstants as FC
+from frankapy.hand import Hand
+from frankapy.interrupts import stop_on_interrupt
+from frankapy.motions import Motions, MotionSequence
 from frankapy.parts import Kind, describe
 from frankapy.progress import progress
 from frankapy.proto_utils import messages_of
@@ -37,13 +37,12 @@ from frankapy.sensors import SensorPublisher
 from frankapy.skill import make_skill
 from frankapy.states import NewestState, StateStream
 from frankapy.utils import franka_pose_to_rigid_transform
-from frankapy.validation import number, numbers, validate, vector
+from frankapy.validation import checks_flags, number, numbers, table, text, validate, vector, whole
 from frankapy.walls import Walls
 
 logger = logging.getLogger("frankapy")
 
 _TOOL, _TOOL_BASE, _WORLD = "franka_tool", "franka_tool_base", "world"
-_STRETCH_WORTH_A_WORD = 1.01
 _MAX_BLEND = 10.0  # s
 _SENSOR_TOPIC = FC.DEFAULT_SENSOR_PUBLISHER_TOPIC
 _QUATERNION_TYPED = 0.05  # by which the norm of one that was typed in may differ from 1
@@ -52,11 +51,7 @@ _SOON = 0.05  # s, between reads for which states are listened to
 _RECORDING_TIME = 5.0  # s for the server to begin or to end a file
 _CARTESIAN_MODES = (3, 4)  # of ArmState.robot.motion_generator_mode: pose and velocity
 _COROUTINE_TICK = 0.002  # s
-_LONG, _TICK = 2.0, 0.1  # s: of a motion with a progress bar, between looks at it
-_STOP_TIME = 3.0  # s after which an interrupted call no longer waits for the arm to rest
-
-# What an ended skill may look like without anything being wrong.
-_GOOD_ENDINGS = (proto.TERMINATED, proto.STOPPED, proto.PREEMPTED)
+_LONGEST_DESCRIPTION = 1000  # bytes; it goes with every state
 
 
 def _unpacked(part: Any) -> Message:
@@ -68,35 +63,14 @@ def _unpacked(part: Any) -> Message:
 def _any_of(until: Message | Sequence[Message]) -> list[Message]:
     """Return terminations as the server takes them: any of them."""
     terminations: list[Message] = []
+    if not isinstance(until, (Message, Iterable)):
+        raise FrankaArmArgumentError(f"until is {until!r}: expected terminations, such as Time(4)")
     for end in [until] if isinstance(until, Message) else list(until):
         if isinstance(end, proto.AnyOf):
             terminations += [_unpacked(part) for part in end.of]
         else:
             terminations.append(end)
     return terminations
-
-
-class _Motion:
-    """A skill of this client which the server has taken."""
-
-    def __init__(self, call: Call, description: str, duration: float) -> None:
-        self.call = call
-        self.description = description
-        self.duration = duration  # s, that was asked for
-        self.handled = False
-
-    @property
-    def id(self) -> int:
-        """Its number at the server."""
-        return int(self.call.first().skill_started.skill_id)
-
-
-class _Sequence:
-    """Motions that wait for each other, each with whether its errors are ignored."""
-
-    def __init__(self, blend: float) -> None:
-        self.blend = blend
-        self.motions: list[tuple[_Motion, bool]] = []
 
 
 class FrankaArm:
@@ -143,23 +117,21 @@ class FrankaArm:
         self._with_gripper = bool(with_gripper)
         self._tool_delta_pose = RigidTransform(np.eye(3), np.zeros(3), from_frame=_TOOL, to_frame=_TOOL_BASE)
         self._speed = 1.0
-        self._motion: _Motion | None = None
-        self._sequence: _Sequence | None = None  # that is being made
-        self._gripping: Call | None = None
-        self._lock = threading.Lock()
-        self._last_result = proto.SkillResult()
         self._connection: Connection | None = None
+        self._motions: Motions | None = None
+        self._hand: Hand | None = None
         self._newest: tuple[int, str, NewestState] | None = None  # of this process, at this endpoint
         self._read_time = -math.inf  # of the last read
         self._sensors: SensorPublisher | None = None
-        self._server_name, self._robot_num = server, robot_num
+        self._server_name, self._robot_num = server, whole("robot_num", robot_num)
         if self._offline:
             logger.warning("FrankaArm is offline: reads give zeros, and nothing moves.")
             return
-        self._connection = Connection(server, robot_num)
+        self._connection = Connection(server, self._robot_num)
         self._finalizer = weakref.finalize(self, self._connection.close)
-        _stop_on_interrupt(self)
-        self._wait_for_phase(lambda phase: phase != proto.CONNECTING, FC.DEFAULT_FRANKA_INTERFACE_TIMEOUT)
+        self._motions, self._hand = Motions(self._connection), Hand(self._connection)
+        stop_on_interrupt(self._connection)
+        self._connection.wait_until_ready(recover=False)
 
     def __repr__(self) -> str:
         if self._connection is None:
@@ -213,30 +185,15 @@ class FrankaArm:
         `timeout` in s; None is 10 s. Raises FrankaArmCommException when it cannot move by then, with the reason.
         """
         timeout = FC.DEFAULT_FRANKA_INTERFACE_TIMEOUT if timeout is None else number("timeout", timeout)
-        if self._offline:
-            return
-        deadline = time.monotonic() + timeout
-        reason = ""
-        while True:
-            try:
-                phase = self._asked_state().phase
-                if phase == proto.ERROR:
-                    self._server.ask(proto.Request(recover=proto.Recover()))
-                elif phase not in (proto.CONNECTING, proto.RECOVERING):
-                    return
-                reason = f"its phase is {proto.Phase.Name(phase)}"
-            except FrankaArmFrankaInterfaceNotReadyException as error:
-                reason = error.message
-            if time.monotonic() > deadline:
-                raise FrankaArmCommException(f"The arm is not ready after {timeout:g} s: {reason}")
-            time.sleep(0.01)
+        if not self._offline:
+            self._server.wait_until_ready(timeout)
 
     def wait_for_skill(self) -> None:
         """Return when the skill that was last sent has ended, however it ended."""
-        motion = self._motion
-        if motion is not None:
-            self._wait(motion, ignore_errors=True)
+        if self._motions is not None and (motion := self._motions.running) is not None:
+            self._motions.wait(motion, ignore_errors=True)
 
+    @checks_flags
     async def finished(self, ignore_errors: bool = False) -> proto.SkillResult:
         """Wait in a coroutine for the end of the skill that was last sent; return its result.
 
@@ -252,31 +209,28 @@ class FrankaArm:
         """
         import asyncio  # which takes its time
 
-        motion = self._motion
-        if motion is not None:
+        motions = self._motions
+        motion = None if motions is None else motions.running
+        if motions is not None and motion is not None:
             try:
-                while motion.call.last(timeout=0) is None:
+                while motion.result(timeout=0) is None:
                     await asyncio.sleep(_COROUTINE_TICK)
             except asyncio.CancelledError:
                 self._server.send(proto.Request(stop_skill=proto.StopSkill()))
                 raise
             except FrankaArmException:
                 pass  # found again below
-            await asyncio.to_thread(self._finish, motion, ignore_errors)
-        return self._last_result
+            await asyncio.to_thread(motions.wait, motion, ignore_errors)
+        return self.last_skill_result
 
+    @checks_flags
     def is_skill_done(self, ignore_errors: bool = True) -> bool:
         """Return whether the skill that was last sent has ended; True when there is none.
 
-        With `ignore_errors=False` a skill that failed raises FrankaArmException.
+        With `ignore_errors=False` a skill that failed raises FrankaArmException. Where the connection was lost meanwhile this
+        raises FrankaArmCommException, once.
         """
-        motion = self._motion
-        if motion is None:
-            return True
-        if motion.call.last(timeout=0) is None:
-            return False
-        self._finish(motion, ignore_errors)
-        return True
+        return self._motions is None or self._motions.is_done(ignore_errors)
 
     def stop_skill(self) -> None:
         """Bring the arm to rest, whoever moves it, and wait until the skill of this client has ended."""
@@ -287,15 +241,16 @@ class FrankaArm:
 
     def wait_for_gripper(self) -> None:
         """Return when the gripper command that was last sent has ended."""
-        if self._gripping is not None:
-            self._wait_for_gripper(self._gripping, ignore_errors=True)
+        if self._hand is not None:
+            self._hand.wait()
 
     def is_gripper_skill_done(self) -> bool:
         """Return whether the gripper command that was last sent has ended."""
-        return self._gripping is None or self._gripping.last(timeout=0) is not None
+        return self._hand is None or self._hand.is_done()
 
     # --- motions -------------------------------------------------------------------------------------------------
 
+    @checks_flags
     def goto_joints(
         self,
         joints: Any,
@@ -337,7 +292,8 @@ class FrankaArm:
             d_gains: damping of the server's controller, Nms/rad, (7,); with `use_impedance`.
             block: whether to wait for the end.
             ignore_errors: True: a failure is logged and recovered from. False: it raises FrankaArmException.
-            ignore_virtual_walls: do not refuse goals behind FrankaConstants.WORKSPACE_WALLS.
+            ignore_virtual_walls: do not refuse goals where a box of the arm or the tool touches FrankaConstants.WORKSPACE_WALLS
+                or is behind one.
             skill_desc: goes into states and logs.
 
         Example:
@@ -346,7 +302,8 @@ class FrankaArm:
         joints = vector("joints", joints, 7)
         self._check_reachable(joints)
         if not ignore_virtual_walls:
-            self._check_walls(kinematics.link_frames(joints)[1:, :3, 3], "goto_joints would bring the arm to")
+            tool = self._links(joints)[-1]
+            self._check_walls("goto_joints", arm=collision_boxes.corners_at(joints), tool=tool[None, :3, 3])
         if dynamic:
             controller = _joint_controller(True, cartesian_impedances, joint_impedances, k_gains, d_gains)
             ends = _stream_ends(duration, buffer_time, force_thresholds, torque_thresholds)
@@ -361,6 +318,7 @@ class FrankaArm:
             ignore_errors,
         )
 
+    @checks_flags
     def goto_pose(
         self,
         tool_pose: RigidTransform,
@@ -401,7 +359,7 @@ class FrankaArm:
                 `cartesian_impedances`.
             block: whether to wait for the end.
             ignore_errors: True: a failure is logged and recovered from. False: it raises FrankaArmException.
-            ignore_virtual_walls: do not refuse goals behind FrankaConstants.WORKSPACE_WALLS.
+            ignore_virtual_walls: do not refuse goals where tool base or tool is behind FrankaConstants.WORKSPACE_WALLS.
             skill_desc: goes into states and logs.
 
         Example:
@@ -412,9 +370,9 @@ class FrankaArm:
         _check_pose("tool_pose", tool_pose, (_TOOL, _WORLD))
         goal = tool_pose.matrix @ self._tool_delta_pose.inverse().matrix
         if not ignore_virtual_walls:
-            self._check_walls(goal[None, :3, 3], "goto_pose would bring the tool base to")
+            self._check_walls("goto_pose", tool_base=goal[None, :3, 3], tool=tool_pose.matrix[None, :3, 3])
         if dynamic:
-            controller = _pose_controller(True, cartesian_impedances, joint_impedances)
+            controller: Any = _pose_controller(True, cartesian_impedances, joint_impedances)
             controller.topic = _SENSOR_TOPIC
             ends = _stream_ends(duration, buffer_time, force_thresholds, torque_thresholds)
             self._run(proto.StreamPose(topic=_SENSOR_TOPIC), controller, ends, skill_desc, False, ignore_errors, speed=1)
@@ -430,6 +388,7 @@ class FrankaArm:
             ignore_errors,
         )
 
+    @checks_flags
     def goto_pose_delta(
         self,
         delta_tool_pose: RigidTransform,
@@ -467,8 +426,11 @@ class FrankaArm:
             delta = tool @ delta @ np.linalg.inv(tool)
         if not ignore_virtual_walls and not self._offline:
             now = self.get_pose(include_tool_offset=False).matrix
-            goal = (now @ delta)[:3, 3] if in_tool else now[:3, 3] + delta[:3, 3]
-            self._check_walls(goal[None], "goto_pose_delta would bring the tool base to")
+            goal = now @ delta
+            if not in_tool:
+                goal[:3, 3] = now[:3, 3] + delta[:3, 3]
+            tool = goal @ self._tool_delta_pose.matrix
+            self._check_walls("goto_pose_delta", tool_base=goal[None, :3, 3], tool=tool[None, :3, 3])
         frame = proto.RelativeMinJerkPose.END_EFFECTOR if in_tool else proto.RelativeMinJerkPose.BASE
         self._run(
             proto.RelativeMinJerkPose(
@@ -484,6 +446,7 @@ class FrankaArm:
             ignore_errors,
         )
 
+    @checks_flags
     def reset_joints(
         self, duration: float = 5, block: bool = True, ignore_errors: bool = True, skill_desc: str = ""
     ) -> None:
@@ -492,12 +455,14 @@ class FrankaArm:
             FC.HOME_JOINTS, duration=duration, block=block, ignore_errors=ignore_errors, skill_desc=skill_desc
         )
 
+    @checks_flags
     def reset_pose(
         self, duration: float = 5, block: bool = True, ignore_errors: bool = True, skill_desc: str = ""
     ) -> None:
         """Move to FrankaConstants.HOME_POSE, as `goto_pose` does."""
         self.goto_pose(FC.HOME_POSE, duration=duration, block=block, ignore_errors=ignore_errors, skill_desc=skill_desc)
 
+    @checks_flags
     def execute_joint_dmp(
         self,
         joint_dmp_info: Mapping[str, Any],
@@ -549,6 +514,7 @@ class FrankaArm:
             ignore_errors,
         )
 
+    @checks_flags
     def execute_pose_dmp(
         self,
         pose_dmp_info: Mapping[str, Any],
@@ -602,6 +568,7 @@ class FrankaArm:
             ignore_errors,
         )
 
+    @checks_flags
     def execute_quaternion_pose_dmp(
         self,
         position_dmp_info: Mapping[str, Any],
@@ -662,6 +629,7 @@ class FrankaArm:
             ignore_errors,
         )
 
+    @checks_flags
     def run_guide_mode(self, duration: float = 10, block: bool = True, skill_desc: str = "GuideMode") -> None:
         """Let the arm be led by hand for `duration` (s): gravity is compensated, a little dry friction holds what nobody leads.
 
@@ -678,6 +646,7 @@ class FrankaArm:
             speed=1,
         )
 
+    @checks_flags
     def selective_guidance_mode(
         self,
         duration: float = 5,
@@ -713,6 +682,7 @@ class FrankaArm:
         """
         duration = number("duration", duration)
         stay: Message = proto.StayJoint(duration=duration) if use_joints else proto.StayPose(duration=duration)
+        controller: Any
         if use_joints:
             controller = _joint_controller(use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains)
         else:
@@ -740,11 +710,12 @@ class FrankaArm:
                 self.selective_guidance_mode(duration, block=False, skill_desc=skill_desc, **guidance)
             else:
                 self.run_guide_mode(duration, block=False, skill_desc=skill_desc)
-            if self._motion is None:
+            motion = None if self._motions is None else self._motions.running
+            if motion is None:
                 raise FrankaArmException("This FrankaArm is offline: there is no arm that could be led.")
             try:
                 with progress(duration, "demonstrate", unit="s") as bar:
-                    skill = self._motion.id
+                    skill = motion.id
                     for state in states:
                         if state.skill_id == skill:
                             rows.append(state)
@@ -762,6 +733,7 @@ class FrankaArm:
             np.array([state.robot.O_T_EE for state in rows]),
         )
 
+    @checks_flags
     def execute_joint_velocities(
         self,
         joint_velocities: Any,
@@ -806,6 +778,7 @@ class FrankaArm:
             ignore_errors,
         )
 
+    @checks_flags
     def execute_cartesian_velocities(
         self,
         cartesian_velocities: Any,
@@ -847,6 +820,7 @@ class FrankaArm:
             ignore_errors,
         )
 
+    @checks_flags
     def apply_effector_forces_torques(
         self,
         run_duration: float,
@@ -899,6 +873,7 @@ class FrankaArm:
             speed=1,
         )
 
+    @checks_flags
     def apply_effector_forces_along_axis(
         self,
         run_duration: float,
@@ -943,6 +918,7 @@ class FrankaArm:
         _within_momentum("forces", float(np.linalg.norm(force)), duration, most)
         return proto.Impulse(force=force, acc_duration=rise, duration=duration)
 
+    @checks_flags
     def execute_joint_torques(
         self,
         joint_torques: Any,
@@ -999,6 +975,7 @@ class FrankaArm:
             speed=1,
         )
 
+    @checks_flags
     def apply_joint_torques(
         self, torques: Any, duration: float, ignore_errors: bool = True, skill_desc: str = ""
     ) -> None:
@@ -1007,6 +984,7 @@ class FrankaArm:
             torques, selection=[1] * 7, duration=duration, ignore_errors=ignore_errors, skill_desc=skill_desc
         )
 
+    @checks_flags
     def run_dynamic_force_position(
         self,
         duration: float = 3,
@@ -1074,6 +1052,7 @@ class FrankaArm:
             speed=1,
         )
 
+    @checks_flags
     def run(
         self,
         trajectory: Message,
@@ -1125,7 +1104,7 @@ class FrankaArm:
             speed,
             start_time,
         )
-        return self._last_result if block and not self._offline and self._sequence is None else None
+        return self.last_skill_result if block and self._motions is not None and self._motions.sequence is None else None
 
     def change(
         self,
@@ -1144,7 +1123,7 @@ class FrankaArm:
         Raises FrankaArmArgumentError for parts that do not fit, FrankaArmFrankaInterfaceNotReadyException when the skill does
         not run at that moment, FrankaArmException when there is none.
         """
-        motion = self._motion
+        motion = None if self._motions is None else self._motions.running
         if motion is None or self.is_skill_done():
             raise FrankaArmException("No skill of this client runs: there is nothing to change.")
         change = proto.ChangeSkill(skill_id=motion.id)
@@ -1205,7 +1184,8 @@ class FrankaArm:
         """
 
         def ask(on: bool | None = None) -> proto.RecordingStatus:
-            return self._server.ask(proto.Request(record=proto.Record(on=on))).recording
+            record = proto.Record() if on is None else proto.Record(on=on)
+            return self._server.ask(proto.Request(record=record)).recording
 
         def wait(so: Callable[[proto.RecordingStatus], bool]) -> None:
             deadline = time.monotonic() + _RECORDING_TIME
@@ -1243,32 +1223,38 @@ class FrankaArm:
         Yields the list of their results, which is complete afterwards. Raises FrankaArmException for the first that failed,
         unless it was called with ignore_errors; an exception inside stops the arm.
         """
-        if self._sequence is not None:
-            raise FrankaArmArgumentError("A sequence is being made already: end it before another one begins.")
         blend = number("blend", blend)
         if not 0 <= blend <= _MAX_BLEND:
             raise FrankaArmArgumentError(f"blend is {blend:g} s: expected 0 to {_MAX_BLEND:g} s")
-        sequence = self._sequence = _Sequence(blend)
         results: list[proto.SkillResult] = []
+        motions = self._motions
+        if motions is None:
+            yield results
+            return
+        if motions.sequence is not None:
+            raise FrankaArmArgumentError("A sequence is being made already: end it before another one begins.")
+        sequence = motions.sequence = MotionSequence(blend)
         try:
             yield results
         except BaseException:
-            self._sequence = None
+            motions.sequence = None
             self.stop_skill()
             raise
-        self._sequence = None
+        motions.sequence = None
         failure: FrankaArmException | None = None
         for motion, ignore_errors in sequence.motions:
             try:
-                self._wait(motion, ignore_errors)
+                motions.wait(motion, ignore_errors)
             except FrankaArmException as error:
                 failure = failure or error
-            results.append(motion.call.final().skill_result)
+            if motion.ended is not None:
+                results.append(motion.ended)
         if failure is not None:
             raise failure
 
     # --- gripper -------------------------------------------------------------------------------------------------
 
+    @checks_flags
     def goto_gripper(
         self,
         width: float,
@@ -1289,7 +1275,7 @@ class FrankaArm:
             width: between the fingers, 0 to 0.08 m.
             grasp: False: go there. True: close until the force is met.
             speed: m/s.
-            force: of a grasp, N.
+            force: of a grasp, N, up to 140; 0: the usual one of `close_gripper`, 60.
             epsilon_inner: a grasp succeeds when the width is at most this much smaller, m.
             epsilon_outer: and at most this much larger, m.
             block: whether to wait for the end.
@@ -1310,7 +1296,7 @@ class FrankaArm:
                 grasp=proto.GripperCommand.Grasp(
                     width=width,
                     speed=speed,
-                    force=number("force", force),
+                    force=number("force", force) or None,
                     epsilon_inner=number("epsilon_inner", epsilon_inner),
                     epsilon_outer=number("epsilon_outer", epsilon_outer),
                 )
@@ -1319,20 +1305,24 @@ class FrankaArm:
             command = proto.GripperCommand(move=proto.GripperCommand.Move(width=width, speed=speed))
         self._grip(command, block, ignore_errors)
 
+    @checks_flags
     def open_gripper(self, block: bool = True, skill_desc: str = "OpenGripper") -> None:
         """Open the fingers to 0.08 m."""
         self.goto_gripper(FC.GRIPPER_WIDTH_MAX, block=block, skill_desc=skill_desc)
 
+    @checks_flags
     def close_gripper(self, grasp: bool = True, block: bool = True, skill_desc: str = "CloseGripper") -> None:
         """Close the fingers: with `grasp` until 60 N are met, else to width 0."""
         self.goto_gripper(
             FC.GRIPPER_WIDTH_MIN, grasp=grasp, force=FC.GRIPPER_MAX_FORCE, block=block, skill_desc=skill_desc
         )
 
+    @checks_flags
     def home_gripper(self, block: bool = True, skill_desc: str = "HomeGripper") -> None:
         """Let the hand find its largest width; after fingers were changed."""
         self._grip(proto.GripperCommand(homing=proto.GripperCommand.Homing()), block, ignore_errors=True)
 
+    @checks_flags
     def stop_gripper(self, block: bool = True, skill_desc: str = "StopGripper") -> None:
         """Stop the fingers where they are."""
         self._grip(proto.GripperCommand(stop=proto.GripperCommand.StopGripper()), block, ignore_errors=True)
@@ -1357,7 +1347,7 @@ class FrankaArm:
             self._stop_listening()
         elif (state := self._newest_state()) is not None:
             return state
-        return self._asked_state()
+        return self._server.state()
 
     def states(self, rate: float = 1000, fields: Sequence[str] = ()) -> StateStream:
         """Return the arm's states from now on, between skills and in error as well.
@@ -1370,7 +1360,7 @@ class FrankaArm:
             >>> with fa.states(rate=100, fields=["robot.q", "robot.dq"]) as states:
             ...     print(states.receive().robot.q)
         """
-        return StateStream(self._server.welcome.state_endpoint, rate=number("rate", rate), fields=fields)
+        return StateStream(self._server.current_welcome().state_endpoint, rate=number("rate", rate), fields=fields)
 
     def wait_for(self, condition: Callable[[proto.ArmState], bool], timeout: float | None = None) -> proto.ArmState:
         """Wait until a state fulfils a condition, which is asked of each cycle's; return that state.
@@ -1381,7 +1371,7 @@ class FrankaArm:
             >>> fa.wait_for(lambda state: max(state.robot.dq) < 0.05, timeout=10)
         """
         deadline = math.inf if timeout is None else time.monotonic() + number("timeout", timeout)
-        with StateStream(self._server.welcome.state_endpoint) as states:
+        with StateStream(self._server.current_welcome().state_endpoint) as states:
             for state in states:
                 if condition(state):
                     return state
@@ -1417,6 +1407,7 @@ class FrankaArm:
             "ee_force_torque": np.array(robot.O_F_ext_hat_K),
         }
 
+    @checks_flags
     def get_pose(self, include_tool_offset: bool = True) -> RigidTransform:
         """Return the measured pose of the tool; franka_tool to world.
 
@@ -1462,7 +1453,7 @@ class FrankaArm:
     @property
     def last_skill_result(self) -> proto.SkillResult:
         """How the last skill of this client that has ended did so: ending, time, stretch, errors, last state."""
-        return self._last_result
+        return proto.SkillResult() if self._motions is None else self._motions.last_result
 
     # --- tool ----------------------------------------------------------------------------------------------------
 
@@ -1482,12 +1473,16 @@ class FrankaArm:
 
     @property
     def limits(self) -> proto.JointLimits:
-        """Range (q_min, q_max, rad) and greatest velocities (dq_max, rad/s) of the joints of the connected arm."""
+        """Of the joints of the connected arm: range (q_min, q_max, rad), where motions may end (rest_min, rest_max, rad), and
+        greatest velocities (dq_max, rad/s)."""
         return self._server.welcome.limits
 
     def is_joints_reachable(self, joints: Any) -> bool:
-        """Return whether joints (rad, (7,)) are inside the limits of the connected arm; offline, of the FER."""
-        lower, upper = self._joint_limits()
+        """Return whether `goto_joints` finds joints (rad, (7,)) inside the range of the connected arm; offline, of the FER.
+
+        Towards the limits of an FR3 a motion has to end a little before them, by up to 0.05 rad. Walls are not asked.
+        """
+        lower, upper = self._rest_range()
         joints = vector("joints", joints, 7)
         return bool(np.all((lower < joints) & (joints < upper)))
 
@@ -1511,7 +1506,7 @@ class FrankaArm:
         else:
             tool = np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T
         flange = tool_pose.matrix @ np.linalg.inv(tool @ self._tool_delta_pose.matrix)
-        joints, distance, angle = kinematics.inverse(flange, vector("near", near, 7), *self._joint_limits())
+        joints, distance, angle = kinematics.inverse(flange, vector("near", near, 7), *self._rest_range())
         if max(distance, angle) > kinematics.REACHED:
             raise FrankaArmArgumentError(
                 f"Target pose not reachable! The joints come as near as {1e3 * distance:.1f} mm and "
@@ -1523,6 +1518,7 @@ class FrankaArm:
         """Return the Jacobian of the tool in base axes at `joints` (rad, (7,)); (6, 7), linear over angular."""
         return kinematics.jacobian(vector("joints", joints, 7), self._tool_delta_pose.translation)
 
+    @checks_flags
     def get_links_transforms(
         self, joints: Any, use_rigid_transforms: bool = False
     ) -> np.ndarray | list[RigidTransform]:
@@ -1533,9 +1529,7 @@ class FrankaArm:
         `use_rigid_transforms` a list of 11: panda_link1 to panda_link8, panda_hand, franka_tool_base, franka_tool, the
         last three with the hand's axes, so that the last one agrees with `get_pose`.
         """
-        frames = kinematics.link_frames(vector("joints", joints, 7))
-        base = kinematics.turned_about_z(frames[9], kinematics.HAND_YAW)
-        tool = base @ self._tool_delta_pose.matrix
+        frames, base, tool = self._links(vector("joints", joints, 7))
         if not use_rigid_transforms:
             return np.concatenate([frames, frames[9:], kinematics.turned_about_z(tool, -kinematics.HAND_YAW)[None]])
         hand = kinematics.turned_about_z(frames[8], kinematics.HAND_YAW)
@@ -1547,6 +1541,7 @@ class FrankaArm:
 
     # --- boxes ---------------------------------------------------------------------------------------------------
 
+    @checks_flags
     def get_collision_boxes_poses(
         self, joints: Any = None, use_rigid_transforms: bool = False
     ) -> list[np.ndarray] | list[RigidTransform]:
@@ -1572,7 +1567,7 @@ class FrankaArm:
         At `joints` (rad, (7,)), None: where the arm is.
         """
         joints = self._joints_or_now(joints)
-        return any(collision_boxes.arm_meets(box, joints) for box in (FC.WORKSPACE_WALLS if boxes is None else boxes))
+        return any(collision_boxes.arm_meets(box, joints) for box in table("boxes", FC.WORKSPACE_WALLS if boxes is None else boxes, 9))
 
     # --- of scripts for ROS --------------------------------------------------------------------------------------
 
@@ -1639,134 +1634,40 @@ class FrankaArm:
         start_time: float | None = None,
     ) -> None:
         """Send a skill, and wait for its end where asked to."""
-        speed = self.speed if speed is None else speed
+        speed = self.speed if speed is None else number("speed", speed)
+        description = text("skill_desc", description, _LONGEST_DESCRIPTION)
         skill = make_skill(trajectory, controller, terminations, description, robot_controller, speed, start_time)
-        if self._offline:
+        if self._motions is None:
             logger.warning("%s is not made: this FrankaArm is offline.", description or "The skill")
             return
-        sequence = self._sequence
-        if sequence is not None and preempt:
-            raise FrankaArmArgumentError("preempt=True is not for motions of a sequence, which wait for each other.")
-        if sequence is None and not preempt and not self.is_skill_done():
-            raise FrankaArmArgumentError("Cannot send another command when the previous skill is active!")
         self._stop_listening()
-        start = proto.StartSkill(skill=skill, preempt=preempt)
-        before = sequence.motions[-1][0] if sequence is not None and sequence.motions else self._motion
-        if sequence is not None and before is not None:
-            start.after, start.blend = before.id, sequence.blend
-        request = proto.Request(start_skill=start)
-        try:
-            call = self._server.start(request)
-        except FrankaArmFrankaInterfaceNotReadyException as error:
-            if not ignore_errors:
-                raise
-            logger.warning("%s The arm is told to recover.", error.message)
-            self.wait_for_franka_interface()
-            call = self._server.start(request)
         duration = getattr(trajectory, "duration", 0.0) / (speed or 1)
-        motion = self._motion = _Motion(call, description, duration)
-        if sequence is not None:
-            sequence.motions.append((motion, ignore_errors))
-        elif block:
-            self._wait(motion, ignore_errors)
-
-    def _wait(self, motion: _Motion, ignore_errors: bool) -> None:
-        try:
-            if motion.duration < _LONG:
-                motion.call.final()
-            else:
-                self._show(motion)
-        except KeyboardInterrupt:
-            self._server.send(proto.Request(stop_skill=proto.StopSkill()))
-            motion.call.last(_STOP_TIME)
-            self._finish(motion, ignore_errors=True)
-            raise
-        except FrankaArmException:
-            pass  # found again below
-        self._finish(motion, ignore_errors)
-
-    @staticmethod
-    def _show(motion: _Motion) -> None:
-        """Wait for the end of a skill, with a bar where there is a terminal."""
-        begin = time.monotonic()
-        with progress(motion.duration, motion.description or "skill", unit="s") as bar:
-            while motion.call.last(_TICK) is None:
-                bar.update(max(0.0, min(time.monotonic() - begin, motion.duration) - bar.n))
-
-    def _finish(self, motion: _Motion, ignore_errors: bool) -> None:
-        """Judge a skill that has ended, once."""
-        with self._lock:
-            if self._motion is motion:
-                self._motion = None
-            if motion.handled:
-                return
-            motion.handled = True
-        reply = motion.call.last(timeout=0)
-        if reply is None:
-            return
-        result = self._last_result = reply.skill_result
-        name = motion.description or "The skill"
-        if result.stretch > _STRETCH_WORTH_A_WORD:
-            logger.warning("%s was too fast for the arm and took %.2f times as long.", name, result.stretch)
-        if result.wall:
-            logger.warning("%s was held back by the wall %r.", name, result.wall)
-        if result.ending in _GOOD_ENDINGS:
-            return
-        message = f"{name} ended with {proto.Ending.Name(result.ending)}: {result.message or ', '.join(result.errors)}"
-        if not ignore_errors:
-            raise FrankaArmException(message)
-        logger.warning("%s", message)
-        if result.ending in (proto.ROBOT_ERROR, proto.REFUSED):
-            self.wait_for_franka_interface()
+        self._motions.run(skill, duration, block, ignore_errors, preempt)
 
     def _grip(self, command: proto.GripperCommand, block: bool, ignore_errors: bool) -> None:
-        if not self._with_gripper:
-            raise FrankaArmException("This FrankaArm was made with with_gripper=False.")
+        self._require_gripper()
         validate(command)
-        if self._offline:
+        if self._hand is None:
             logger.warning("The gripper stays: this FrankaArm is offline.")
             return
-        call = self._gripping = self._server.start(proto.Request(gripper=command))
-        if block:
-            self._wait_for_gripper(call, ignore_errors)
+        self._hand.command(command, block, ignore_errors)
 
-    def _wait_for_gripper(self, call: Call, ignore_errors: bool) -> None:
-        try:
-            result = call.final().gripper_result
-        except KeyboardInterrupt:
-            stop = proto.GripperCommand(stop=proto.GripperCommand.StopGripper())
-            self._server.send(proto.Request(gripper=stop))
-            call.last(_STOP_TIME)
-            raise
-        if self._gripping is call:
-            self._gripping = None
-        if not result.success:
-            message = f"The gripper did not succeed: {result.message or 'it gave no reason'}"
-            if not ignore_errors:
-                raise FrankaArmException(message)
-            logger.warning("%s", message)
-
-    def _gripper_state(self, state: proto.ArmState | None = None) -> proto.GripperState:
+    def _require_gripper(self) -> None:
         if not self._with_gripper:
             raise FrankaArmException("This FrankaArm was made with with_gripper=False.")
+
+    def _gripper_state(self, state: proto.ArmState | None = None) -> proto.GripperState:
+        self._require_gripper()
         state = state or self.get_arm_state()
         if not state.HasField("gripper"):
             raise FrankaArmException("The server has no hand on this arm.")
         return state.gripper
 
-    def _wait_for_phase(self, accepted: Any, timeout: float) -> None:
-        deadline = time.monotonic() + timeout
-        while True:
-            try:
-                phase = self._asked_state().phase
-                reason = f"its phase is {proto.Phase.Name(phase)}"
-                if accepted(phase):
-                    return
-            except FrankaArmFrankaInterfaceNotReadyException as error:
-                reason = error.message
-            if time.monotonic() > deadline:
-                raise FrankaArmCommException(f"The arm is not ready after {timeout:g} s: {reason}")
-            time.sleep(0.01)
+    def _links(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the frames of kinematics.link_frames, and those of tool base and tool as `get_pose` has them."""
+        frames = kinematics.link_frames(joints)
+        base = kinematics.turned_about_z(frames[9], kinematics.HAND_YAW)
+        return frames, base, base @ self._tool_delta_pose.matrix
 
     def _joints_or_now(self, joints: Any) -> np.ndarray:
         return self.get_joints() if joints is None else vector("joints", joints, 7)
@@ -1774,45 +1675,40 @@ class FrankaArm:
     @property
     def _in_skill(self) -> bool:
         """Whether a skill was sent and not waited for; scripts set it to False to send another one."""
-        return self._motion is not None
+        return self._motions is not None and self._motions.running is not None
 
     @_in_skill.setter
     def _in_skill(self, there_is_one: bool) -> None:
-        if not there_is_one:
-            self._motion = None
+        if self._motions is not None and not there_is_one:
+            self._motions.running = None
 
-    def _joint_limits(self) -> tuple[np.ndarray, np.ndarray]:
-        if self._connection is not None and len(self._connection.welcome.limits.q_min) == 7:
-            limits = self._connection.welcome.limits
-            return np.array(limits.q_min), np.array(limits.q_max)
-        return np.array(FC.JOINT_LIMITS_MIN), np.array(FC.JOINT_LIMITS_MAX)
+    def _rest_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return where motions of the joints may end, rad: of the connected arm; offline of the FER."""
+        if self._connection is None or len(self._connection.welcome.limits.rest_min) != 7:
+            return np.array(FC.JOINT_LIMITS_MIN), np.array(FC.JOINT_LIMITS_MAX)
+        limits = self._connection.welcome.limits
+        return np.array(limits.rest_min), np.array(limits.rest_max)
 
     def _check_reachable(self, joints: np.ndarray) -> None:
-        lower, upper = (limit.tolist() for limit in self._joint_limits())
+        lower, upper = (limit.tolist() for limit in self._rest_range())
         for i in range(7):
             if not lower[i] < joints[i] < upper[i]:
                 raise FrankaArmArgumentError(
                     f"Joints not reachable! joints[{i}] is {joints[i]:.4f} rad: expected between {lower[i]:.4f} and "
-                    f"{upper[i]:.4f}, the limits of joint {i + 1}"
+                    f"{upper[i]:.4f}, where joint {i + 1} of this arm may come to rest"
                 )
 
-    @staticmethod
-    def _check_walls(points: np.ndarray, what: str) -> None:
-        walls = np.asarray(FC.WORKSPACE_WALLS, dtype=float).tolist()
-        for axis, name in enumerate("xyz"):
-            places = [wall[axis] for wall in walls if min(range(3), key=wall[6:9].__getitem__) == axis]
-            if not places:
-                continue
-            lower, upper = min(places), max(places)
-            beyond = [value for value in points[:, axis].tolist() if not lower < value < upper]
-            if beyond:
+    def _check_walls(self, what: str, **points: np.ndarray) -> None:
+        """Raise FrankaArmArgumentError for points (m, (n, 3), by the name of what is there) behind the WORKSPACE_WALLS."""
+        for name, where in points.items():
+            found = collision_boxes.behind(FC.WORKSPACE_WALLS, where, whole_wall=name == "arm")
+            if found is not None:
+                wall, point = found
                 raise FrankaArmArgumentError(
-                    f"{what} {name} = {beyond[0]:.3f} m: the virtual walls are at {lower:g} and {upper:g} m "
-                    f"(FrankaConstants.WORKSPACE_WALLS). ignore_virtual_walls=True goes there all the same"
+                    f"{what} would bring the {name.replace('_', ' ')} to "
+                    f"{collision_boxes.place(FC.WORKSPACE_WALLS[wall], where[point])} (FrankaConstants.WORKSPACE_WALLS[{wall}]). "
+                    f"ignore_virtual_walls=True goes there all the same"
                 )
-
-    def _asked_state(self) -> proto.ArmState:
-        return self._server.ask(proto.Request(get_state=proto.GetState())).state
 
     def _newest_state(self) -> proto.ArmState | None:
         """Return the newest published state if it is new enough; the first call subscribes."""
@@ -1830,7 +1726,7 @@ class FrankaArm:
         # Clocks are never quite the same.
         state.age = max(0.0, time.time() + self._server.clock_difference[0] - state.time_ns * 1e-9)
         # What ended a call may be newer than what has been published.
-        return state if state.age <= _NEW and state.time_ns >= self._last_result.last_state.time_ns else None
+        return state if state.age <= _NEW and state.time_ns >= self.last_skill_result.last_state.time_ns else None
 
     def _stop_listening(self) -> None:
         """Listen to published states no longer: each costs the server, the network and this computer something."""
@@ -1853,7 +1749,11 @@ def _end(at_goal: Message, force_thresholds: Any, torque_thresholds: Any) -> Mes
     if force_thresholds is None and torque_thresholds is None:
         return at_goal
     thresholds = {"force_thresholds": (force_thresholds, 6), "torque_thresholds": (torque_thresholds, 7)}
-    given = {name: vector(name, each, size) for name, (each, size) in thresholds.items() if each is not None and len(each)}
+    given: dict[str, Any] = {
+        name: vector(name, each, size)
+        for name, (each, size) in thresholds.items()
+        if each is not None and not (isinstance(each, Sized) and len(each) == 0)
+    }
     return proto.Contact(**given)
 
 
@@ -1896,6 +1796,8 @@ def _within_momentum(what: str, strength: float, duration: float, most: float) -
 
 def _dmp(name: str, info: Mapping[str, Any], dimensions: int) -> dict[str, Any]:
     """Return the fields of a movement primitive's dictionary, of which sizes agree."""
+    if not isinstance(info, Mapping):
+        raise FrankaArmArgumentError(f"{name} is a {type(info).__name__}: expected a dictionary with {', '.join(dmp.KEYS)}")
     missing = [key for key in dmp.KEYS if key not in info]
     if missing:
         raise FrankaArmArgumentError(f"{name} has no {missing[0]}: expected {', '.join(dmp.KEYS)}")
@@ -1915,7 +1817,7 @@ def _dmp(name: str, info: Mapping[str, Any], dimensions: int) -> dict[str, Any]:
 def _sensor_values(values: Any, info: Mapping[str, Any], dimensions: int) -> np.ndarray | None:
     if values is None:
         return None
-    return vector("initial_sensor_values", np.ravel(values), dimensions * int(info["num_sensors"]))
+    return vector("initial_sensor_values", numbers("initial_sensor_values", values), dimensions * int(info["num_sensors"]))
 
 
 def _given(name: str, value: Any, size: int) -> np.ndarray | None:
@@ -1980,26 +1882,3 @@ def _check_pose(name: str, pose: Any, *frames: tuple[str, str]) -> None:
 
 def _quaternion(matrix: np.ndarray) -> np.ndarray:
     return RigidTransform(matrix[:3, :3], np.zeros(3)).quaternion
-
-
-# --- Ctrl-C ----------------------------------------------------------------------------------------------------------
-
-_arms: weakref.WeakSet[FrankaArm] = weakref.WeakSet()
-
-
-def _stop_on_interrupt(arm: FrankaArm) -> None:
-    """Let Ctrl-C stop this arm's running skill, also one that nobody waits for.
-
-    Only where Ctrl-C means KeyboardInterrupt: a handler of the script's own stays, and threads have none.
-    """
-    _arms.add(arm)
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    if in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupted)
-
-
-def _interrupted(signum: int, frame: FrameType | None) -> None:
-    for arm in list(_arms):
-        if arm._motion is not None and arm._connection is not None:
-            arm._connection.stop_from_signal_handler()
-    signal.default_int_handler(signum, frame)

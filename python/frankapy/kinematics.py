@@ -114,7 +114,7 @@ def _descend(
             if not stuck.any():
                 break
             free &= ~stuck
-        step *= min(1, 0.5 / max(np.linalg.norm(step), 1e-12))
+        step *= min(1.0, 0.5 / max(float(np.linalg.norm(step)), 1e-12))
         joints = np.clip(joints + step, lower, upper)
         if np.linalg.norm(step) < 1e-9:
             break

@@ -24,7 +24,7 @@ from google.protobuf.message import Message
 from frankapy import proto
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.proto import controllers_pb2, rules_pb2, terminations_pb2, trajectories_pb2
-from frankapy.validation import is_repeated, number, numbers, table, validate, vector
+from frankapy.validation import is_repeated, number, numbers, rule_of, table, validate, vector
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _ANY = "google.protobuf.Any"
@@ -102,11 +102,6 @@ def kinds(role: str | None = None) -> Iterator[tuple[str, Descriptor]]:
         if role in (None, each):
             for descriptor in module.DESCRIPTOR.message_types_by_name.values():
                 yield each, descriptor
-
-
-def rule_of(field: FieldDescriptor) -> rules_pb2.FieldRule:
-    """Return what wire/proto says of a field: unit, size, range, defaults."""
-    return field.GetOptions().Extensions[rules_pb2.rule]
 
 
 def make(kind: str, /, *arguments: Any, **named: Any) -> Message:

@@ -9,7 +9,7 @@ from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.franka_interface_common_definitions import SensorDataMessageType
 from frankapy.ros_messages import SensorData, SensorDataGroup
 
-_MESSAGES = {
+_MESSAGES: dict[int, type[Message]] = {
     SensorDataMessageType.BOUNDING_BOX: proto.BoundingBox,
     SensorDataMessageType.CARTESIAN_IMPEDANCE: proto.CartesianImpedanceSensorMessage,
     SensorDataMessageType.CARTESIAN_VELOCITY: proto.CartesianVelocitySensorMessage,

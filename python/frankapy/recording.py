@@ -130,7 +130,7 @@ class Recording:
 
         What a state does not have is NaN, or 0 of integers.
         """
-        found = columns(proto.ArmState.DESCRIPTOR, self._raw)
+        found = columns(proto.ArmState.DESCRIPTOR, self._raw)  # type: ignore[arg-type]
         states = {name.removeprefix("robot."): values for name, values in found.items()}
         return {"time": self._times} | states
 

@@ -101,7 +101,7 @@ def _spans(time: np.ndarray, on: np.ndarray) -> list[tuple[float, float]]:
     """From when to when something was on."""
     edges = np.diff(np.concatenate([[0], on.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in zip(starts, ends, strict=True)]
+    return [(float(time[a]), float(time[min(b, len(time) - 1)])) for a, b in zip(starts.tolist(), ends.tolist(), strict=True)]
 
 
 def _is_in_error(states: States) -> np.ndarray:

@@ -299,4 +299,4 @@ class Point:
 # Scripts that use autolab_core's poses multiply them with ours, and its product takes nothing but its own class. Where
 # frankapy/compat stands in for it, that one takes its classes from here, and may be the first to be imported.
 with contextlib.suppress(ImportError):
-    from autolab_core import RigidTransform  # type: ignore[assignment,no-redef]  # noqa: F811
+    from autolab_core import RigidTransform  # type: ignore[no-redef]  # noqa: F811

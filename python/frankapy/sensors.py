@@ -14,7 +14,7 @@ from frankapy import proto
 from frankapy.connection import find_arm
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.sockets import owned_socket
-from frankapy.validation import validate
+from frankapy.validation import text, validate
 
 _LINGER = 1000  # ms that an ending script waits for what it has just published
 
@@ -33,8 +33,8 @@ class SensorPublisher:
 
     def __init__(self, topic: str, robot_num: int = 1, server: str | None = None) -> None:
         """Find the arm; raises FrankaArmCommException when there is no server, FrankaArmArgumentError for a bad name."""
-        if not isinstance(topic, str) or not 0 < len(topic.encode()) <= 256:
-            raise FrankaArmArgumentError(f"topic is {topic!r}: expected a name of 1 to 256 bytes")
+        if not text("topic", topic, 256):
+            raise FrankaArmArgumentError("topic is '': expected a name of 1 to 256 bytes")
         endpoint = find_arm(server, robot_num).sensor_endpoint
         if not endpoint:
             raise FrankaArmCommException("The arm's process is not ready: `frankapy status` tells why.")

@@ -14,6 +14,7 @@ What `frankapy sim`, the examples and the tests start; a script may do so too:
 from __future__ import annotations
 
 import ctypes
+import errno
 import json
 import os
 import queue
@@ -31,7 +32,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 import zmq
@@ -41,7 +42,7 @@ from frankapy import proto
 from frankapy.connection import list_arms
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import number, validate, vector
+from frankapy.validation import number, validate, vector, whole
 
 PROGRAMS_VARIABLE = "FRANKAPY_PROGRAMS"
 FCI_PORT, GRIPPER_PORT = 1337, 1338  # fixed, as on the arm
@@ -115,7 +116,7 @@ class ControlChannel:
         """
         self._address = address
         self._lock = threading.Lock()
-        self._socket: zmq.Socket | None = None
+        self._socket: zmq.Socket[bytes] | None = None
         self.truth()
 
     # --- what is so -------------------------------------------------------------------------------------------------
@@ -148,7 +149,7 @@ class ControlChannel:
         along the camera's axis, infinite where nothing is. The arm does not wait for the picture; the first takes a
         second, others some 0.1 s.
         """
-        call = proto.TakeImage(width=_integer("width", width), height=_integer("height", height))
+        call = proto.TakeImage(width=whole("width", width), height=whole("height", height))
         if camera is not None:
             call.camera = camera
         image = self._ask(take_image=call).image
@@ -239,14 +240,14 @@ class ControlChannel:
             friction: sliding, against things of the scene; the arm's fingers and links keep their own.
             colour: red, green, blue from 0 to 1.
         """
-        shapes = {kind.lower(): value for kind, value in proto.AddObject.Shape.items()}
+        shapes = [kind.lower() for kind in proto.AddObject.Shape.keys()]
         if shape not in shapes:
             raise FrankaArmArgumentError(f"shape is {shape!r}: expected one of {', '.join(shapes)}")
         position, quaternion = _pose(pose)
         sizes = np.atleast_1d(np.asarray(size, dtype=float)).ravel()
         self._ask(
             add_object=proto.AddObject(
-                name=name, shape=shapes[shape], size=sizes, mass=number("mass", mass), position=position,
+                name=name, shape=shape.upper(), size=sizes, mass=number("mass", mass), position=position,
                 quaternion=quaternion, friction=number("friction", friction), colour=vector("colour", colour, 3),
             )
         )  # fmt: skip
@@ -301,7 +302,7 @@ class ControlChannel:
                            delay=number("delay_in", delay_in)),
                 from_arm=way(loss=number("loss_out", loss_out), delayed=number("delayed_out", delayed_out),
                              delay=number("delay_out", delay_out)),
-                seed=_integer("seed", seed),
+                seed=whole("seed", seed),
             )
         )  # fmt: skip
 
@@ -319,7 +320,7 @@ class ControlChannel:
 
     def step(self, cycles: int = 1) -> None:
         """While paused, let so many cycles (ms) of the world go by, and return when they have."""
-        self._ask(step=proto.StepCycles(cycles=_integer("cycles", cycles)))
+        self._ask(step=proto.StepCycles(cycles=whole("cycles", cycles)))
 
     def resume(self) -> None:
         """End any pause."""
@@ -335,17 +336,17 @@ class ControlChannel:
         Its settings, errors and gripper too; the robot's message_id and its client's connection go on. Frictions stay
         as they are, and when objects were added since, the moment is refused.
         """
-        self._ask(restore=proto.RestoreMoment(moment=_integer("moment", moment)))
+        self._ask(restore=proto.RestoreMoment(moment=whole("moment", moment)))
 
     def disconnect(self) -> None:
         """Close the channel; the next call opens it again."""
         with self._lock:
             self._drop()
 
-    def _press(self, button: int, pressed: bool) -> None:
+    def _press(self, button: proto.PressButton.Button, pressed: bool) -> None:
         self._ask(press_button=proto.PressButton(button=button, pressed=bool(pressed)))
 
-    def _ask(self, **call: object) -> proto.SimulationReply:
+    def _ask(self, **call: Any) -> proto.SimulationReply:
         request = proto.SimulationCall(**call)
         validate(request)
         patience = _PATIENCE
@@ -357,10 +358,10 @@ class ControlChannel:
             if self._socket is None:
                 self._require_somebody()
                 self._socket = zmq.Context.instance().socket(zmq.REQ)
-                self._socket.linger = 0
+                self._socket.setsockopt(zmq.LINGER, 0)
                 self._socket.connect(f"tcp://{self._address}:{CONTROL_PORT}")
             self._socket.send(request.SerializeToString())
-            if not self._socket.poll(patience * 1000):
+            if not self._socket.poll(round(patience * 1000)):
                 self._drop()
                 raise self._nobody(f"within {patience:g} s")
             reply = proto.SimulationReply.FromString(self._socket.recv())
@@ -468,6 +469,11 @@ class Simulation(ControlChannel):
     def _start_arm(self, arm: SimulatedArm, processor: int | None) -> list[str]:
         # Its last line of those that say where an arm is tells that all are ready.
         address = arm.address or free_address(arm.arms or 16)
+        if arm.address is not None and not _is_free(arm.address, FCI_PORT):
+            raise FrankaArmException(
+                f"{arm.address}:{FCI_PORT} is taken: is there a simulated arm of another run? End it, or leave the address out and "
+                f"a free one is taken.{''.join(f' fci-sim runs with process id {pid}.' for pid in left_over_arms())}"
+            )
         command = [program("fci-sim"), "--robot", arm.robot, "--listen", address, "--protocol", str(arm.protocol)]
         command += ["--lockstep"] * arm.lockstep + ["--ideal"] * arm.ideal
         command += ["--speed", str(arm.speed), "--seed", str(arm.seed)]
@@ -513,6 +519,8 @@ class Simulation(ControlChannel):
         record: str | None,
         recordings: str | os.PathLike[str] | None,
     ) -> str:
+        if port:
+            _require_free_port(listen, port)
         config = Path(self._folder.name) / "arms.toml"
         text = f"load = {json.dumps([os.path.abspath(path) for path in load])}\n"
         for i, (address, loop) in enumerate(zip(self.addresses, self._loops, strict=True), 1):
@@ -558,10 +566,9 @@ class _Child:
         self._log = log
         self._lines: list[str] = []
         self._first: queue.SimpleQueue[str] = queue.SimpleQueue()
-        libc = ctypes.CDLL(None)
 
         def before_start() -> None:
-            libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)  # when the script is killed
+            die_with_parent()  # when the script is killed
             if processor is not None:
                 os.sched_setaffinity(0, {processor})
 
@@ -618,6 +625,14 @@ class _Child:
         self._reader.join(timeout=1)
 
 
+_libc = ctypes.CDLL(None)
+
+
+def die_with_parent() -> None:
+    """Let this process be told to end (SIGTERM) when its parent has ended, however: `preexec_fn` of subprocess.Popen."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
 def program(name: str) -> str:
     """Return the path of one of the C++ programs.
 
@@ -633,6 +648,48 @@ def program(name: str) -> str:
         return found
     raise FrankaArmException(
         f"{name} is not built: run `make build` in the repository, or say in {PROGRAMS_VARIABLE} which folder it is in."
+    )
+
+
+def left_over_arms() -> list[int]:
+    """Return the process ids of this user's fci-sim which outlived the Python program that had started them."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        try:
+            if not folder.name.isdigit() or folder.stat().st_uid != os.getuid() or (folder / "comm").read_text() != "fci-sim\n":
+                continue
+            _, parent, _, session = (folder / "stat").read_text().rpartition(")")[2].split()[:4]
+            # A Simulation gives each a session of its own; one that was started from a shell is in the shell's.
+            if session == folder.name and "python" not in os.readlink(f"/proc/{parent}/exe"):
+                found.append(int(folder.name))
+        except OSError:  # it has just ended, or its parent is not ours to look at
+            continue
+    return sorted(found)
+
+
+def _is_free(address: str, port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # what has just ended does not count
+        try:
+            probe.bind((address, port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                return False
+            raise FrankaArmException(f"No program can listen at {address}:{port}: {error.strerror}") from None
+    return True
+
+
+def _require_free_port(listen: str, port: int) -> None:
+    if _is_free(listen, port):
+        return
+    host = "127.0.0.1" if listen == "0.0.0.0" else listen
+    try:
+        arms = ", ".join(f"{arm.name} at {arm.address}" for arm in list_arms(f"{host}:{port}"))
+        who = f"by a franka-interface with {arms}. It may be of another run, which Ctrl-C in its terminal ends"
+    except FrankaArmCommException:
+        who = "by another program"
+    raise FrankaArmException(
+        f"Port {port} of {listen} is taken, {who}. Port 0 takes a free one (`frankapy sim --port 0`, Simulation(port=0))."
     )
 
 
@@ -656,7 +713,7 @@ def free_address(arms: int = 1) -> str:
 def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: float = 10.0) -> np.ndarray:
     """Return what fci-sim wrote with --truth: a structured array, one row for each cycle; SI units, base frame.
 
-    It is written every 100 cycles. With `until` (a cycle: the robot's message_id where the world never stood still,
+    It is written every 100 cycles, and at the end. With `until` (a cycle: the robot's message_id where the world never stood still,
     else Truth.cycle) this waits until that cycle is in the file, at most `timeout` (s) for a row to come;
     FrankaArmException when it does not.
     """
@@ -680,29 +737,23 @@ def _hold(point: ArrayLike | None, link: int | None) -> proto.Hold:
     if point is not None:
         at.point.extend(vector("point", point, 3))
     if link is not None:
-        at.link = _integer("link", link)
+        at.link = whole("link", link)
     return at
 
 
 def _pose(pose: RigidTransform | ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Return position and quaternion (w, x, y, z)."""
+    given: Any = pose
     if not hasattr(pose, "quaternion"):
         array = np.asarray(pose, dtype=float)
         if array.shape == (4, 4):
-            pose = RigidTransform(rotation=array[:3, :3], translation=array[:3, 3])
+            given = RigidTransform(rotation=array[:3, :3], translation=array[:3, 3])
         elif array.shape == (3,):
-            pose = RigidTransform(translation=array)
+            given = RigidTransform(translation=array)
         else:
             raise FrankaArmArgumentError(f"pose has the shape {array.shape}: expected (4, 4), or (3,) for a position")
-    return np.asarray(pose.translation), np.asarray(pose.quaternion)
+    return np.asarray(given.translation), np.asarray(given.quaternion)
 
 
 def _matrix(pose: Sequence[float]) -> np.ndarray:
     return RigidTransform(rotation=np.array(pose[3:]), translation=np.array(pose[:3])).matrix
-
-
-def _integer(name: str, value: int) -> int:
-    whole = int(number(name, value))
-    if whole != value or whole < 0:
-        raise FrankaArmArgumentError(f"{name} is {value!r}: expected a whole number, 0 or more")
-    return whole

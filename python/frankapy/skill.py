@@ -24,14 +24,17 @@ def make_skill(
 
     Raises FrankaArmArgumentError which names the field that breaks its rule.
     """
+    for role, part in [("trajectory", trajectory), ("controller", controller), *(("until", end) for end in terminations)]:
+        if not isinstance(part, Message):
+            raise FrankaArmArgumentError(f"{role} is {part!r}: expected a part of a skill, such as those of frankapy.parts")
     names = proto.RobotController.keys()
-    if robot_controller.upper() not in names:
+    if not isinstance(robot_controller, str) or robot_controller.upper() not in names:
         raise FrankaArmArgumentError(
             f"robot_controller is {robot_controller!r}: expected one of {', '.join(names).lower()}"
         )
     skill = proto.Skill(
         description=description,
-        robot_controller=proto.RobotController.Value(robot_controller.upper()),
+        robot_controller=robot_controller.upper(),
         speed=number("speed", speed),
     )
     if start_time is not None:

@@ -7,7 +7,7 @@ import weakref
 import zmq
 
 
-def owned_socket(owner: object, kind: int, linger: int = 0) -> tuple[zmq.Socket, weakref.finalize]:
+def owned_socket(owner: object, kind: int, linger: int = 0) -> tuple[zmq.Socket[bytes], weakref.finalize[..., object]]:
     """Return a socket in a context of its own, and what closes both: when called, when `owner` goes, or when the program ends.
 
     `linger`: ms that closing waits for what is not sent yet. The socket must not be left to the garbage collector: which of
@@ -19,6 +19,6 @@ def owned_socket(owner: object, kind: int, linger: int = 0) -> tuple[zmq.Socket,
     return socket, weakref.finalize(owner, _close, socket, context)
 
 
-def _close(socket: zmq.Socket, context: zmq.Context) -> None:
+def _close(socket: zmq.Socket[bytes], context: zmq.Context[zmq.Socket[bytes]]) -> None:
     socket.close()
     context.term()

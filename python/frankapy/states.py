@@ -49,7 +49,8 @@ class NewestState:
 class StateStream:
     """Iterates over the states of an arm from now on; each is a proto.ArmState.
 
-    A reader that is slower than the arm loses the oldest when a few thousand wait. Use it with `with`, or close it.
+    For a reader that is slower than the arm they wait, 10 s long and more; then those are lost that come while that many wait.
+    Use it with `with`, or close it.
     """
 
     def __init__(self, endpoint: str, timeout: float = 5.0, rate: float = 1000, fields: Sequence[str] = ()) -> None:
@@ -63,7 +64,7 @@ class StateStream:
             raise FrankaArmArgumentError(f"rate is {rate:g} Hz: expected {_RATE}, or that divided by a whole number")
         mask = FieldMask(paths=fields)
         for field in fields:
-            if not FieldMask(paths=[field]).IsValidForDescriptor(proto.ArmState.DESCRIPTOR):
+            if not FieldMask(paths=[field]).IsValidForDescriptor(proto.ArmState.DESCRIPTOR):  # type: ignore[arg-type]
                 raise FrankaArmArgumentError(f"fields has {field!r}: expected fields of ArmState, such as 'robot.q' or 'phase'")
         topic = str(every) + (f" {','.join(mask.paths)}" if fields else "")
         self._topic = topic.encode() + b"\0"

@@ -6,10 +6,13 @@ The server checks the same again; here an error is found without a server, and a
 from __future__ import annotations
 
 import functools
+import inspect
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import Message
 
@@ -17,6 +20,9 @@ from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.proto import rules_pb2
 
 UNIT_NORM_TOLERANCE = 1e-3
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+Floats = npt.NDArray[np.float64]
 
 
 def number(name: str, value: Any) -> float:
@@ -24,26 +30,67 @@ def number(name: str, value: Any) -> float:
 
     Raises FrankaArmArgumentError when it is none, or not finite.
     """
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        array = None
-    if array is None or array.ndim != 0 or isinstance(value, (str, bytes)):
-        raise FrankaArmArgumentError(f"{name} is {value!r}: expected a number")
+    array = _array(value)
+    if array is None or array.ndim != 0:
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected a number")
     if not np.isfinite(array):
         raise FrankaArmArgumentError(f"{name} is {_text(float(array))}: expected a finite number")
     return float(array)
 
 
-def vector(name: str, value: Any, size: int) -> np.ndarray:
+def whole(name: str, value: Any) -> int:
+    """Return `value` as an int of 0 or more. Raises FrankaArmArgumentError when it is none."""
+    figure = number(name, value)
+    if figure != int(figure) or figure < 0:
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected a whole number, 0 or more")
+    return int(value)
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return whether `value` is true. Raises FrankaArmArgumentError where that is open, as of an array of several."""
+    try:
+        return bool(value)
+    except (TypeError, ValueError):
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected True or False") from None
+
+
+def checks_flags(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Give a function that first checks its arguments which are annotated as bool; it is called with `True` or `False`."""
+    signature = inspect.signature(function)
+    flags = [name for name, parameter in signature.parameters.items() if parameter.annotation in (bool, "bool")]
+
+    @functools.wraps(function)
+    def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        arguments = signature.bind(*args, **kwargs)
+        for name in flags:
+            if name in arguments.arguments:
+                arguments.arguments[name] = flag(name, arguments.arguments[name])
+        return function(*arguments.args, **arguments.kwargs)
+
+    return checked
+
+
+def text(name: str, value: Any, longest: int) -> str:
+    """Return a text of at most `longest` bytes. Raises FrankaArmArgumentError when `value` is none."""
+    if not isinstance(value, str):
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected a text")
+    try:
+        size = len(value.encode())
+    except UnicodeEncodeError as error:
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected a text, but {error.reason}") from None
+    if size > longest:
+        raise FrankaArmArgumentError(f"{name} has {size} bytes: expected at most {longest}")
+    return value
+
+
+def vector(name: str, value: Any, size: int) -> Floats:
     """Return `value` as a new float64 array of `size` elements; lists, tuples and arrays will do.
 
     Raises FrankaArmArgumentError when it has another length, or elements that are no finite numbers.
     """
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise FrankaArmArgumentError(f"{name} is {value!r}: expected {size} numbers") from None
+    array = _array(value)
+    if array is None:
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected {size} numbers")
     if array.shape != (size,):
         shape = f"{array.size} elements" if array.ndim == 1 else f"the shape {array.shape}"
         raise FrankaArmArgumentError(f"{name} has {shape}: expected {size} numbers")
@@ -53,15 +100,14 @@ def vector(name: str, value: Any, size: int) -> np.ndarray:
     return array
 
 
-def table(name: str, value: Any, columns: int) -> np.ndarray:
+def table(name: str, value: Any, columns: int) -> Floats:
     """Return `value` as a new float64 array of shape (n, columns), n at least 1; one row may be given without brackets.
 
     Raises FrankaArmArgumentError when it has another shape, or elements that are no finite numbers.
     """
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected rows of {columns} numbers") from None
+    array = _array(value)
+    if array is None:
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected rows of {columns} numbers")
     if array.shape == (columns,):
         array = array[None]
     if array.ndim != 2 or array.shape[1] != columns or not len(array):
@@ -72,16 +118,28 @@ def table(name: str, value: Any, columns: int) -> np.ndarray:
     return array
 
 
-def numbers(name: str, value: Any) -> np.ndarray:
+def numbers(name: str, value: Any) -> Floats:
     """Return `value`, of any shape, as a new flat float64 array.
 
     Raises FrankaArmArgumentError when an element is no finite number.
     """
+    array = _array(value)
+    if array is None:
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected numbers")
+    return vector(name, array.ravel(), array.size)
+
+
+def _array(value: Any) -> Floats | None:
+    """Return real numbers as a new float64 array; None for what is none: texts, complex numbers, what a mask hides."""
     try:
-        array = np.array(value, dtype=float).ravel()
-    except (TypeError, ValueError):
-        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected numbers") from None
-    return vector(name, array, array.size)
+        array = np.asarray(value)
+        if array.dtype.kind not in "biufO" or np.ma.is_masked(value):
+            return None
+        if array.dtype.kind == "O" and any(isinstance(element, (str, bytes)) for element in array.flat):
+            return None
+        return np.array(array, dtype=float)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        return None
 
 
 def validate(message: Message) -> None:
@@ -114,10 +172,15 @@ def validate(message: Message) -> None:
 def _rules(descriptor: Descriptor) -> list[tuple[FieldDescriptor, str, rules_pb2.FieldRule, bool]]:
     """Return the fields of a message with their names for people, their rules, and whether they are lists."""
     return [
-        (field, f"{descriptor.name}.{field.name}", field.GetOptions().Extensions[rules_pb2.rule], is_repeated(field))
+        (field, f"{descriptor.name}.{field.name}", rule_of(field), is_repeated(field))
         for field in descriptor.fields
         if field.message_type is None or field.message_type.full_name != "google.protobuf.Any"
     ]
+
+
+def rule_of(field: FieldDescriptor) -> rules_pb2.FieldRule:
+    """Return what wire/proto says of a field: unit, size, range, defaults."""
+    return field.GetOptions().Extensions[rules_pb2.rule]  # type: ignore[index]  # the stubs take an extension for a field
 
 
 def _check_elements(name: str, values: Any, rule: rules_pb2.FieldRule) -> None:
@@ -167,7 +230,7 @@ def is_repeated(field: FieldDescriptor) -> bool:
     try:
         return bool(field.is_repeated)
     except AttributeError:
-        return bool(field.label == FieldDescriptor.LABEL_REPEATED)
+        return bool(field.label == FieldDescriptor.LABEL_REPEATED)  # type: ignore[attr-defined]
 
 
 def _text(value: float) -> str:
@@ -178,5 +241,8 @@ def _text(value: float) -> str:
 
 def _short(value: Any) -> str:
     """Write anything, not all of what is long."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # integers of thousands of digits have none
+        text = f"a {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -47,8 +48,9 @@ def Capsule(radius: float, length: float, pose: RigidTransform | Sequence[float]
 
 
 def _place(wall: proto.Wall, pose: RigidTransform | Sequence[float]) -> proto.Wall:
+    given: Any = pose
     if hasattr(pose, "quaternion"):
-        position, quaternion = pose.translation, pose.quaternion
+        position, quaternion = given.translation, given.quaternion
     else:
         position, quaternion = vector("position", pose, 3), (1.0, 0.0, 0.0, 0.0)
     wall.ClearField("position")

@@ -34,13 +34,13 @@ def columns(descriptor: Descriptor, messages: Sequence[bytes]) -> dict[str, np.n
     """
     result: dict[str, np.ndarray] = {}
     sizes = np.fromiter((len(message) for message in messages), dtype=np.int64, count=len(messages))
-    for size in np.unique(sizes):
+    for size in np.unique(sizes).tolist():
         rows = np.flatnonzero(sizes == size)
-        joined = np.frombuffer(b"".join(messages[row] for row in rows), dtype=np.uint8).reshape(len(rows), size)
+        joined = np.frombuffer(b"".join(messages[row] for row in rows.tolist()), dtype=np.uint8).reshape(len(rows), size)
         while len(rows):
             values: list[_Value] = []
             frame = np.zeros(size, dtype=np.uint8)  # bits that make the layout
-            _walk(descriptor, joined[0].tobytes(), 0, int(size), "", values, frame)
+            _walk(descriptor, joined[0].tobytes(), 0, size, "", values, frame)
             alike = ((joined & frame) == (joined[0] & frame)).all(axis=1)
             _take(values, joined[alike], rows[alike], len(messages), result)
             joined, rows = joined[~alike], rows[~alike]

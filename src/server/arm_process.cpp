@@ -14,6 +14,7 @@
 #include <mutex>
 #include <thread>
 
+#include "realtime/joint_range.hpp"
 #include "realtime/loop.hpp"
 #include "robot/fci_driver.hpp"
 #include "server/arm_model.hpp"
@@ -219,6 +220,8 @@ class ArmProcess {
       out.add_q_min(limits.q_min[i]);
       out.add_q_max(limits.q_max[i]);
       out.add_dq_max(limits.dq_max[i]);
+      out.add_rest_min(realtime::rest_min(limits, i));
+      out.add_rest_max(realtime::rest_max(limits, i));
     }
     for (const auto& deficiency : report.deficiencies) welcome.add_deficiencies(deficiency);
     return welcome;

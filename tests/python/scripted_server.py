@@ -11,10 +11,12 @@ HOME = [0, -0.785398, 0, -2.356194, 0, 1.570796, 0.785398]
 
 
 class ScriptedServer:
-    """Supervisor and arm in one socket; skills last `skill_time` s, or until StopSkill."""
+    """Supervisor and arm in one socket; skills last `skill_time` s, or until StopSkill; gripper commands likewise."""
 
-    def __init__(self, skill_time: float = 0.05):
+    def __init__(self, skill_time: float = 0.05, port: int = 0):
         self.skill_time = skill_time
+        self.gripper_time = 0.0
+        self.withholds: set[str] = set()  # answers that wait until this is emptied
         self.version = proto.CURRENT
         self.result = {"ending": proto.TERMINATED}
         self.silent = False
@@ -25,10 +27,13 @@ class ScriptedServer:
         self._context = zmq.Context()
         self._router = self._context.socket(zmq.ROUTER)
         self._router.linger = 0
-        port = self._router.bind_to_random_port("tcp://127.0.0.1")
-        self.address = f"127.0.0.1:{port}"
+        self._router.bind(f"tcp://127.0.0.1:{port or '*'}")
+        self.address = self._router.last_endpoint.decode().removeprefix("tcp://")
         self._clients: set[bytes] = set()
         self._running: list[tuple[float, bytes, int, int]] = []
+        self._gripping: list[tuple[float, bytes, int]] = []
+        self._withheld: list[list[bytes]] = []
+        self._results: dict[int, proto.SkillResult] = {}
         self._skills = 0
         self._quit = False
         self._thread = threading.Thread(target=self._serve)
@@ -55,8 +60,13 @@ class ScriptedServer:
                     self._answer(identity, request)
             for skill in [s for s in self._running if s[0] <= time.monotonic()]:
                 self._running.remove(skill)
-                result = proto.SkillResult(skill_id=skill[3], **self.result)
+                result = self._results[skill[3]] = proto.SkillResult(skill_id=skill[3], **self.result)
                 self._send(skill[1], skill[2], skill_result=result)
+            for command in [c for c in self._gripping if c[0] <= time.monotonic()]:
+                self._gripping.remove(command)
+                self._send(*command[1:], gripper_result=proto.GripperResult(success=True))
+            while self._withheld and not self.withholds:
+                self._router.send_multipart(self._withheld.pop(0))
 
     def _answer(self, identity: bytes, request: proto.Request):
         kind, number = request.WhichOneof("call"), request.request_id
@@ -79,6 +89,9 @@ class ScriptedServer:
             self._send(identity, number, state=proto.ArmState(phase=self.phase, robot=robot))
         elif kind == "start_skill" and self.refusals:
             self._send(identity, number, error=self.refusals.pop(0))
+        elif kind == "start_skill" and any(s[1] == identity for s in self._running) and not request.start_skill.preempt:
+            error = proto.Error(code=proto.Error.BUSY, message="a skill of this client still runs: wait for it, or preempt it")
+            self._send(identity, number, error=error)
         elif kind == "start_skill":
             self._skills += 1
             self._running.append((time.monotonic() + self.skill_time, identity, number, self._skills))
@@ -86,9 +99,16 @@ class ScriptedServer:
         elif kind == "stop_skill":
             self._running = [(0.0, *rest) for _, *rest in self._running]
             self._send(identity, number, done=proto.Done())
+        elif kind == "skill_status":
+            skill = request.skill_status.skill_id
+            answer = {"skill_result": self._results[skill]} if skill in self._results else {"done": proto.Done()}
+            self._send(identity, number, **answer)
         elif kind == "gripper":
+            stop = request.gripper.HasField("stop")
+            if stop:
+                self._gripping = [(0.0, *rest) for _, *rest in self._gripping]
+            self._gripping.append((0.0 if stop else time.monotonic() + self.gripper_time, identity, number))
             self._send(identity, number, gripper_started=proto.GripperStarted())
-            self._send(identity, number, gripper_result=proto.GripperResult(success=True))
         else:
             if kind == "recover":
                 self.phase = proto.READY
@@ -96,4 +116,8 @@ class ScriptedServer:
 
     def _send(self, identity: bytes, number: int, **answer):
         reply = proto.Reply(request_id=number, **answer)
-        self._router.send_multipart([identity, reply.SerializeToString()])
+        frames = [identity, reply.SerializeToString()]
+        if self.withholds & set(answer):
+            self._withheld.append(frames)
+        else:
+            self._router.send_multipart(frames)

@@ -1,5 +1,6 @@
 """The client towards a server that misbehaves, and its own bookkeeping; no arm."""
 
+import inspect
 import logging
 import os
 import signal
@@ -9,6 +10,7 @@ import sys
 import threading
 import time
 
+import numpy as np
 import pytest
 from scripted_server import HOME, ScriptedServer
 
@@ -19,10 +21,11 @@ from frankapy import (
     FrankaArmCommException,
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
+    RigidTransform,
     connection,
     proto,
 )
-from frankapy.sim import free_address
+from frankapy.sim import die_with_parent, free_address
 
 
 @pytest.fixture
@@ -228,50 +231,296 @@ def test_many_threads_may_read(arm):
     assert not failures
 
 
-def test_a_forked_child_makes_a_connection_of_its_own(server, arm):
-    arm.get_joints()
+def in_child(check) -> int:
+    """Return with which status a forked child ends: 0 when `check` returned True."""
     child = os.fork()
     if child == 0:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(30)
         try:
-            os._exit(0 if list(arm.get_joints()) == HOME else 1)
+            os._exit(0 if check() else 1)
         finally:
             os._exit(2)
-    assert os.waitpid(child, 0) == (child, 0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def test_a_forked_child_makes_a_connection_of_its_own(server, arm):
+    arm.get_joints()
+    assert in_child(lambda: list(arm.get_joints()) == HOME) == 0
     assert len(server.calls("hello")) == 2
     assert list(arm.get_joints()) == HOME
+
+
+def test_a_forked_child_may_wait_for_the_motion_of_its_parent(server, arm):
+    server.skill_time = 30
+    arm.goto_joints(HOME, 1, block=False)
+
+    def check() -> bool:
+        if arm.is_skill_done():
+            return False
+        arm.stop_skill()
+        return arm.is_skill_done() and arm.last_skill_result.ending == proto.TERMINATED
+
+    assert in_child(check) == 0
+    arm.wait_for_skill()
+
+
+def test_a_forked_child_is_told_who_knows_of_the_hand(server, arm):
+    server.gripper_time = 30
+    arm.open_gripper(block=False)
+
+    def check() -> bool:
+        with pytest.raises(FrankaArmCommException, match="before the program forked"):
+            arm.wait_for_gripper()
+        return arm.is_gripper_skill_done()
+
+    assert in_child(check) == 0
+    arm.stop_gripper()
 
 
 INTERRUPTED = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 from frankapy import FrankaArm
 arm = FrankaArm(server=sys.argv[1])
 try:
-    arm.goto_joints({home}, 1, block={block})
-    print('started', flush=True)
-    time.sleep(30)
+    arm.{call}
+    print('returned', flush=True)
+    time.sleep(60)
 except KeyboardInterrupt:
     print('interrupted', arm.is_skill_done(), flush=True)
+except SystemExit:
+    print('left', flush=True)
+    raise
 """
+SIGNALS = [(signal.SIGINT, "interrupted", 0), (signal.SIGHUP, "left", 128 + signal.SIGHUP)]
 
 
+@pytest.fixture
+def script(server):
+    """Give a function which starts a script that makes one call of an arm."""
+    children = []
+
+    def start(call):
+        command = [sys.executable, "-c", INTERRUPTED.format(call=call), server.address]
+        children.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent))
+        return children[-1]
+
+    yield start
+    for child in children:
+        child.kill()
+        child.communicate()
+
+
+@pytest.mark.parametrize(("number", "word", "status"), SIGNALS, ids=["Ctrl-C", "SIGHUP"])
 @pytest.mark.parametrize("block", [True, False])
-def test_ctrl_c_stops_the_skill(server, block):
-    server.skill_time = 30
-    script = INTERRUPTED.format(home=HOME, block=block)
-    child = subprocess.Popen([sys.executable, "-c", script, server.address], stdout=subprocess.PIPE, text=True)
-    wait_until(lambda: server.calls("start_skill"))
+def test_a_signal_stops_the_skill(server, script, block, number, word, status):
+    server.skill_time = 60
+    child = script(f"goto_joints({HOME}, 1, block={block})")
     if block:
-        time.sleep(0.3)  # it waits in the call, mostly; what is asked for below holds in any case
+        wait_until(lambda: server.calls("start_skill"))
     else:
-        assert child.stdout.readline() == "started\n"
-    child.send_signal(signal.SIGINT)
+        assert child.stdout.readline() == "returned\n"
+    child.send_signal(number)
     output, _ = child.communicate(timeout=60)
-    assert "interrupted" in output
-    assert child.returncode == 0
+    assert word in output
+    assert child.returncode == status
     assert server.calls("stop_skill")
+
+
+@pytest.mark.parametrize(("number", "word", "status"), SIGNALS, ids=["Ctrl-C", "SIGHUP"])
+@pytest.mark.parametrize("block", [True, False])
+def test_a_signal_stops_a_skill_that_has_not_been_confirmed_yet(server, script, block, number, word, status):
+    server.skill_time = 60
+    server.withholds = {"skill_started"}
+    child = script(f"goto_joints({HOME}, 1, block={block})")
+    wait_until(lambda: server.calls("start_skill"))
+    child.send_signal(number)
+    wait_until(lambda: server.calls("stop_skill"))
+    server.withholds = set()
+    output, _ = child.communicate(timeout=60)
+    assert word in output
+    assert child.returncode == status
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=["Ctrl-C", "SIGHUP"])
+@pytest.mark.parametrize("block", [True, False])
+def test_a_signal_stops_the_hand(server, script, block, number):
+    server.gripper_time = 60
+    child = script(f"close_gripper(block={block})")
     if block:
-        assert "interrupted True" in output
+        wait_until(lambda: server.calls("gripper"))
+    else:
+        assert child.stdout.readline() == "returned\n"
+    child.send_signal(number)
+    child.communicate(timeout=60)
+    assert server.calls("gripper")[-1].gripper.HasField("stop")
+
+
+def test_a_signal_lets_the_hand_hold_what_it_has(server, script):
+    child = script("close_gripper(block=True)")
+    assert child.stdout.readline() == "returned\n"
+    child.send_signal(signal.SIGINT)
+    child.communicate(timeout=60)
+    assert len(server.calls("gripper")) == 1
+
+
+def test_a_hang_up_that_is_ignored_stays_so(server):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with FrankaArm(server=server.address):
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_of_two_threads_that_start_a_motion_one_is_refused_as_documented(server, arm):
+    server.skill_time = 30
+    server.withholds = {"skill_started"}
+    refused = []
+
+    def start():
+        try:
+            arm.goto_joints(HOME, 1, block=False)
+        except Exception as error:
+            refused.append(error)
+
+    threads = [threading.Thread(target=start) for _ in range(2)]
+    threads[0].start()
+    wait_until(lambda: server.calls("start_skill"))
+    threads[1].start()
+    threads[1].join(0.2)  # however far it comes
+    server.withholds = set()
+    for thread in threads:
+        thread.join()
+    assert [type(error) for error in refused] == [FrankaArmArgumentError]
+    assert "previous skill is active" in refused[0].message
+    assert len(server.calls("start_skill")) == 1
+    arm.stop_skill()
+
+
+LOST = {
+    "motion": (lambda arm: arm.goto_joints(HOME, 1, block=False), lambda arm: arm.is_skill_done()),
+    "hand": (lambda arm: arm.open_gripper(block=False), lambda arm: arm.is_gripper_skill_done()),
+}
+
+
+@pytest.mark.parametrize("what", LOST)
+def test_what_was_lost_with_its_server_is_told_once(what):
+    start, is_done = LOST[what]
+    with ScriptedServer(skill_time=30) as server:
+        server.gripper_time = 30
+        arm = FrankaArm(server=server.address)
+        start(arm)
+
+    def told():
+        try:
+            return is_done(arm)
+        except FrankaArmCommException:
+            return True
+
+    wait_until(told)
+    with ScriptedServer(port=int(server.address.rpartition(":")[2])) as server:
+        assert is_done(arm)
+        start(arm)
+        wait_until(lambda: is_done(arm))
+        arm.goto_joints(HOME, 1)
+        arm.close()
+
+
+def test_a_read_whose_server_ended_asks_the_next_one():
+    joints = []
+    with ScriptedServer() as server:
+        arm = FrankaArm(server=server.address)
+        asked = len(server.calls("get_state"))
+        server.silent = True
+        reader = threading.Thread(target=lambda: joints.extend(arm.get_joints()))
+        reader.start()
+        wait_until(lambda: len(server.calls("get_state")) > asked)
+    with ScriptedServer(port=int(server.address.rpartition(":")[2])):
+        reader.join()
+        assert joints == HOME
+        arm.close()
+
+
+def test_errors_name_what_python_calls_what_is_to_be_done(server, arm):
+    server.refusals = [refusal(proto.Error.NOT_READY, "the user stop is pressed: release it, then recover")]
+    with pytest.raises(FrankaArmException, match=r"fa\.wait_for_franka_interface\(\)"):
+        arm.goto_joints(HOME, 1, ignore_errors=False)
+    server.refusals = [refusal(proto.Error.BUSY, "skill 3 still runs: wait for it, preempt it or queue behind it")]
+    with pytest.raises(FrankaArmBusyException, match=r"fa\.run\(\.\.\., preempt=True\)"):
+        arm.goto_joints(HOME, 1)
+    server.result = {"ending": proto.ROBOT_ERROR, "message": "clear what caused it, then recover"}
+    with pytest.raises(FrankaArmException, match=r"fa\.wait_for_franka_interface\(\)"):
+        arm.goto_joints(HOME, 1, ignore_errors=False)
+
+
+def test_a_text_that_is_too_long_is_refused_and_the_connection_stays(server, arm):
+    with pytest.raises(FrankaArmArgumentError, match="skill_desc has 4500000 bytes: expected at most 1000"):
+        arm.goto_joints(HOME, 1, skill_desc="x" * 4_500_000)
+    long = proto.Skill(description="x" * (9 << 20))
+    with pytest.raises(FrankaArmArgumentError, match="start_skill has .* bytes: expected at most"):
+        arm._connection.ask(proto.Request(start_skill=proto.StartSkill(skill=long)))
+    arm.goto_joints(HOME, 1)
+    assert len(server.calls("hello")) == 1
+
+
+JUNK = [
+    10**400, "1", b"1", None, object(), np.array([1, 2]), np.zeros((7, 7)), 1j, [1j] * 7, ["0"] * 7, [10**400] * 7, {}, {1},
+    np.ma.array(np.zeros(7), mask=[1] + [0] * 6), np.nan, -1, np.datetime64("2020-01-01"), len, [], [[]], [None] * 6, "\ud800",
+]  # fmt: skip
+GOOD = {
+    "joints": HOME, "joint_velocities": [0.1] * 7, "joint_accelerations": [1] * 7, "cartesian_velocities": [0.1] * 6,
+    "cartesian_accelerations": [1] * 6, "joint_torques": [0] * 7, "torques": [0] * 7, "run_duration": 1, "acc_duration": 0.2,
+    "max_translation": 0, "max_rotation": 0, "forces": [0, 0, 1], "duration": 1, "goal_quat": [1, 0, 0, 0], "width": 0.04,
+    "goal_quat_time": 0.5, "box": [1] * 9, "message": "", "topic": "t", "speed": 0.5, "blend": 0.1, "near": HOME,
+}  # fmt: skip
+POSE = RigidTransform(np.diag([1.0, -1, -1]), [0.4, 0, 0.4], "franka_tool", "world")
+GOOD |= {"tool_pose": POSE, "delta_tool_pose": RigidTransform(from_frame="world", to_frame="world")}
+GOOD |= {"tool_delta_pose": RigidTransform(from_frame="franka_tool", to_frame="franka_tool_base")}
+DMP = {"tau": 1, "alpha": 60, "beta": 15, "num_basis": 1, "num_sensors": 1, "mu": [1], "h": [1]}
+GOOD |= {f"{kind}_dmp_info": DMP | {"weights": [0] * n} for kind, n in [("joint", 7), ("pose", 6), ("position", 3), ("quat", 3)]}
+GOOD |= {"trajectory": proto.StayJoint(), "condition": bool}
+TAKES_ANYTHING = {"log_info", "get_speed", "publish_sensor_data", "publish_sensor_values"}  # or hands it on
+METHODS = [
+    name
+    for name, method in inspect.getmembers(FrankaArm, inspect.isfunction)
+    if not name.startswith("_") and name not in TAKES_ANYTHING | {"finished"} and len(inspect.signature(method).parameters) > 1
+]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_whatever_is_given_what_is_raised_is_of_frankapy(name):
+    arm = FrankaArm(offline=True)
+    method = getattr(arm, name)
+    parameters = inspect.signature(method).parameters
+    good = {each: GOOD[each] for each, p in parameters.items() if p.default is p.empty and p.kind is not p.VAR_KEYWORD}
+    for parameter in parameters:
+        for junk in JUNK:
+            try:
+                method(**good | {parameter: junk})
+            except FrankaArmException:
+                pass
+            except Exception as error:
+                pytest.fail(f"{name}({parameter}={str(junk)[:60]!r}) raises {error!r}")
+
+
+@pytest.mark.parametrize("what", ["robot_num", "server"])
+def test_whatever_it_is_made_with_what_is_raised_is_of_frankapy(what):
+    for junk in JUNK[:-1]:
+        if junk is not None:
+            with pytest.raises(FrankaArmException):
+                FrankaArm(**{what: junk})
+
+
+def test_a_bad_flag_is_refused_before_anything_moves(server, arm):
+    for flag in ("block", "ignore_errors"):
+        with pytest.raises(FrankaArmArgumentError, match=f"{flag} is array.*expected True or False"):
+            arm.goto_joints(HOME, 1, **{flag: np.array([1, 2])})
+    with pytest.raises(FrankaArmArgumentError, match="block is array"):
+        arm.open_gripper(block=np.array([1, 2]))
+    assert not server.calls("start_skill") and not server.calls("gripper")
 
 
 def test_a_thread_may_make_an_arm(server):

@@ -54,7 +54,7 @@ def test_what_comes_after_a_failure_is_cancelled_even_when_it_comes_late(ideal_a
         with pytest.raises(FrankaArmException, match="joint_reflex"), fa.sequence() as results:
             fa.run(RelativeMinJerkJoint(STEP, LONG))
             ideal_arm.simulation.inject("joint_reflex")
-            fa._motion.call.final()
+            fa._motions.running.call.final()
             fa.wait_for_franka_interface()
             fa.run(RelativeMinJerkJoint(STEP, 1))
         assert [result.ending for result in results] == [proto.ROBOT_ERROR, proto.CANCELLED]
@@ -153,7 +153,7 @@ def test_a_bad_sequence_is_refused(fa):
 def test_a_motion_takes_over_in_the_middle(fa, controller, robot_controller):
     for _ in range(5):
         fa.run(MinJerkJoint(HOME + 3 * STEP, 60), block=False)
-        first = fa._motion
+        first = fa._motions.running
         result = fa.run(TimeOptimalJoint(HOME, 0.5), controller, preempt=True, robot_controller=robot_controller)
         assert first.call.final().skill_result.ending == proto.PREEMPTED
         assert result.ending == proto.TERMINATED

@@ -1,0 +1,89 @@
+"""The hand: one gripper command after the other, sent, waited for, stopped, and judged when it has ended."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+
+from frankapy import interrupts, proto
+from frankapy.connection import Call, Connection
+from frankapy.exceptions import FrankaArmException
+
+logger = logging.getLogger("frankapy")
+
+_STOP_TIME = 3.0  # s after which an interrupted call no longer waits for the fingers
+_STATE_TIME, _TICK = 0.2, 0.005  # s: in which the hand has told of what it did, some 30 times a second; between looks
+
+
+class Hand:
+    """The hand of an arm."""
+
+    def __init__(self, server: Connection) -> None:
+        self._server = server
+        self._last: Call | None = None  # that was sent, until it was seen to have ended
+
+    def command(self, command: proto.GripperCommand, block: bool, ignore_errors: bool) -> None:
+        """Send a command, and wait for its end where asked to."""
+        interruptions = interrupts.count()
+        try:
+            call = self._last = self._server.start(proto.Request(gripper=command))
+            if interrupts.count() != interruptions:  # in another thread, before this was sent
+                self._server.stop_commands()
+            if block:
+                self._finish(call, ignore_errors)
+        except (KeyboardInterrupt, SystemExit):
+            self._server.stop_commands()
+            raise
+
+    def wait(self) -> None:
+        """Wait for the end of the command that was last sent. Raises FrankaArmCommException where the connection was lost."""
+        call = self._last
+        if call is not None:
+            self._finish(call, ignore_errors=True)
+
+    def is_done(self) -> bool:
+        """Return whether the command that was last sent has ended; raises as `wait` does, once."""
+        call = self._last
+        if call is None:
+            return True
+        try:
+            if call.last(timeout=0) is None:
+                return False
+        except FrankaArmException:
+            pass  # found again below
+        self._finish(call, ignore_errors=True)
+        return True
+
+    def _finish(self, call: Call, ignore_errors: bool) -> None:
+        try:
+            result = call.final().gripper_result
+        except (KeyboardInterrupt, SystemExit):
+            with contextlib.suppress(FrankaArmException):
+                self._server.stop_commands()
+                call.last(_STOP_TIME)
+            raise
+        finally:
+            if self._last is call:
+                self._last = None
+        self._await_state(call.request.gripper, result)
+        if not result.success:
+            text = f"The gripper did not succeed: {result.message or 'it gave no reason'}"
+            if not ignore_errors:
+                raise FrankaArmException(text)
+            logger.warning("%s", text)
+
+    def _await_state(self, command: proto.GripperCommand, result: proto.GripperResult) -> None:
+        """Wait until the hand's state says what the result does: reads that follow are not to be older than the command."""
+        if command.HasField("stop"):
+            return
+        is_grasped = command.HasField("grasp") and result.success
+        deadline = time.monotonic() + _STATE_TIME
+        while time.monotonic() < deadline:
+            try:
+                state = self._server.state()
+            except FrankaArmException:
+                return
+            if not state.HasField("gripper") or state.gripper.is_grasped == is_grasped:
+                return
+            time.sleep(_TICK)

@@ -1,0 +1,179 @@
+"""The motions of one client: one at a time, or in a sequence; sent, waited for, stopped, and judged when they have ended."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import threading
+import time
+
+from frankapy import interrupts, proto
+from frankapy.connection import Call, Connection, advised
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
+from frankapy.progress import progress
+
+logger = logging.getLogger("frankapy")
+
+_STRETCH_WORTH_A_WORD = 1.01
+_LONG, _TICK = 2.0, 0.1  # s: of a motion with a progress bar, between looks at it
+_STOP_TIME = 3.0  # s after which an interrupted call no longer waits for the arm to rest
+
+# What an ended skill may look like without anything being wrong.
+_GOOD_ENDINGS = (proto.TERMINATED, proto.STOPPED, proto.PREEMPTED)
+
+
+class Motion:
+    """A skill of this client which the server has taken."""
+
+    def __init__(self, call: Call, server: Connection, description: str, duration: float) -> None:
+        self.call = call
+        self.name = description or "The skill"
+        self.duration = duration  # s, that was asked for
+        self.judged = False
+        self.ended: proto.SkillResult | None = None  # how, once it was judged
+        self.id = int(call.first().skill_started.skill_id)  # at the server
+        self._server = server
+        self._pid = os.getpid()
+
+    def result(self, timeout: float | None = None) -> proto.SkillResult | None:
+        """Wait for its end, at most `timeout` (s); None when it has not come. Raises as Call.final does."""
+        if os.getpid() != self._pid:
+            return self._asked_result(timeout)
+        reply = self.call.final() if timeout is None else self.call.last(timeout)
+        return None if reply is None else reply.skill_result
+
+    def _asked_result(self, timeout: float | None) -> proto.SkillResult | None:
+        # After a fork: the server tells the process that has started it, and others when they ask.
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while True:
+            reply = self._server.ask(proto.Request(skill_status=proto.SkillStatus(skill_id=self.id)))
+            if reply.HasField("skill_result"):
+                return reply.skill_result
+            if deadline is not None and time.monotonic() >= deadline:
+                return None
+            time.sleep(_TICK)
+
+
+class MotionSequence:
+    """Motions that wait for each other, each with whether its errors are ignored."""
+
+    def __init__(self, blend: float) -> None:
+        self.blend = blend
+        self.motions: list[tuple[Motion, bool]] = []
+
+
+class Motions:
+    """What this client moves."""
+
+    def __init__(self, server: Connection) -> None:
+        self._server = server
+        self._starting = threading.Lock()  # from the look at what runs to the new one
+        self._judging = threading.Lock()
+        self.running: Motion | None = None  # the last that was sent, until it was seen to have ended
+        self.sequence: MotionSequence | None = None  # that is being made
+        self.last_result = proto.SkillResult()
+
+    def run(self, skill: proto.Skill, duration: float, block: bool, ignore_errors: bool, preempt: bool) -> None:
+        """Send a skill, which was asked to take `duration` (s), and wait for its end where asked to."""
+        interruptions = interrupts.count()
+        try:
+            with self._starting:
+                motion = self._start(skill, duration, ignore_errors, preempt)
+            if interrupts.count() != interruptions:  # in another thread, before this was sent
+                self._server.stop_commands()
+            if block and self.sequence is None:
+                self.wait(motion, ignore_errors)
+        except (KeyboardInterrupt, SystemExit):
+            self._server.stop_commands()
+            raise
+
+    def _start(self, skill: proto.Skill, duration: float, ignore_errors: bool, preempt: bool) -> Motion:
+        sequence = self.sequence
+        if sequence is not None and preempt:
+            raise FrankaArmArgumentError("preempt=True is not for motions of a sequence, which wait for each other.")
+        if sequence is None and not preempt and not self.is_done():
+            raise FrankaArmArgumentError(
+                "Cannot send another command when the previous skill is active! fa.wait_for_skill() waits for its end, "
+                "fa.stop_skill() stops it, fa.run(..., preempt=True) takes over from it"
+            )
+        start = proto.StartSkill(skill=skill, preempt=preempt)
+        before = sequence.motions[-1][0] if sequence is not None and sequence.motions else self.running
+        if sequence is not None and before is not None:
+            start.after, start.blend = before.id, sequence.blend
+        request = proto.Request(start_skill=start)
+        try:
+            call = self._server.start(request)
+        except FrankaArmFrankaInterfaceNotReadyException as error:
+            if not ignore_errors:
+                raise
+            logger.warning("%s: the arm is told to recover.", error.message)
+            self._server.wait_until_ready()
+            call = self._server.start(request)
+        motion = self.running = Motion(call, self._server, skill.description, duration)
+        if sequence is not None:
+            sequence.motions.append((motion, ignore_errors))
+        return motion
+
+    def wait(self, motion: Motion, ignore_errors: bool) -> None:
+        """Wait for the end of a motion and judge it, once.
+
+        Raises FrankaArmException for one that failed where errors are not ignored, FrankaArmCommException where the connection
+        was lost.
+        """
+        try:
+            if motion.duration < _LONG:
+                motion.result()
+            else:
+                _show(motion)
+        except (KeyboardInterrupt, SystemExit):
+            with contextlib.suppress(FrankaArmException):
+                self._server.send(proto.Request(stop_skill=proto.StopSkill()))
+                motion.result(_STOP_TIME)
+                self._judge(motion, ignore_errors=True)
+            raise
+        except FrankaArmException:
+            pass  # found again below
+        self._judge(motion, ignore_errors)
+
+    def is_done(self, ignore_errors: bool = True) -> bool:
+        """Return whether the motion that was last sent has ended; raises as `wait` does, once."""
+        motion = self.running
+        if motion is None:
+            return True
+        try:
+            if motion.result(timeout=0) is None:
+                return False
+        except FrankaArmException:
+            pass  # found again below
+        self._judge(motion, ignore_errors)
+        return True
+
+    def _judge(self, motion: Motion, ignore_errors: bool) -> None:
+        with self._judging:
+            if self.running is motion:
+                self.running = None
+            judged, motion.judged = motion.judged, True
+        if judged or (result := motion.result(timeout=0)) is None:
+            return
+        self.last_result = motion.ended = result
+        if result.stretch > _STRETCH_WORTH_A_WORD:
+            logger.warning("%s was too fast for the arm and took %.2f times as long.", motion.name, result.stretch)
+        if result.wall:
+            logger.warning("%s was held back by the wall %r.", motion.name, result.wall)
+        if result.ending in _GOOD_ENDINGS:
+            return
+        text = f"{motion.name} ended with {proto.Ending.Name(result.ending)}: {result.message or ', '.join(result.errors)}"
+        if not ignore_errors:
+            raise FrankaArmException(advised(text))
+        logger.warning("%s", text)
+        if result.ending in (proto.ROBOT_ERROR, proto.REFUSED):
+            self._server.wait_until_ready()
+
+
+def _show(motion: Motion) -> None:
+    """Wait for the end of a skill, with a bar where there is a terminal."""
+    begin = time.monotonic()
+    with progress(motion.duration, motion.name, unit="s") as bar:
+        while motion.result(_TICK) is None:
+            bar.update(max(0.0, min(time.monotonic() - begin, motion.duration) - bar.n))
