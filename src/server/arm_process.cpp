@@ -176,7 +176,7 @@ class ArmProcess {
 
   void serve(robot::FciDriver& driver) {
     const ArmModel chosen = choose_model(driver.version(), driver.robot_model(), config_.model);
-    const models::Limits limits = scaled_limits(*chosen.arm, driver.version(), config_);
+    const models::Limits limits = scaled_limits(chosen, driver.version(), config_);
     realtime::Model model(chosen.urdf);
     auto builder = std::make_shared<SkillBuilder>(std::make_unique<realtime::Model>(chosen.urdf), limits);
 
