@@ -62,8 +62,11 @@ types: programs $(VENV)/.frankapy ## check the types of the Python package
 	@mkdir -p $(JUNIT)
 	cd python && $(CURDIR)/$(VENV)/bin/python -m mypy --junit-xml $(JUNIT)/types.xml
 
+# With none to run again, ctest would run all.
+LAST_FAILED = $(BUILD)/Testing/Temporary/LastTestsFailed.log
 wall: build $(VENV)/.frankapy
-	$(CTEST) -j 1 -L wall; cpp=$$?; $(PYTEST) -m wall && exit $$cpp
+	$(if $(AGAIN),,rm -f $(LAST_FAILED))
+	$(if $(AGAIN),test ! -s $(LAST_FAILED) ||) $(CTEST) -j 1 -L wall; cpp=$$?; $(PYTEST) -m wall && exit $$cpp
 
 wall-20: build $(VENV)/.frankapy
 	$(CTEST) -j 1 -L wall --repeat until-fail:20; failed=$$?; for i in $$(seq 20); do \

@@ -272,7 +272,7 @@ STREAM = """
 """
 
 
-@pytest.mark.wall
+@pytest.mark.nightly
 def test_a_script_that_streams_runs_as_it_is_and_may_end_right_after_its_last_message():
     with Simulation(SimulatedArm(robot="fer", ideal=True)) as simulation:
         with FrankaArm(server=simulation.server) as fa:
