@@ -18,7 +18,7 @@ constexpr double kFullPush = 0.03;     // rad, over which pushing back rises to 
 constexpr double kMotorInertia = 0.1;  // kg m², about what the mass matrix leaves out of each joint
 constexpr double kReturnSpeed = 0.2;   // rad/s of a joint that comes back to its reference from farther away than the next
 constexpr double kReturnFrom = 0.05;   // rad
-constexpr double kReturnShare = 2;     // of the reference's own speed, and more
+constexpr double kReturnShare = 1.2;   // of the reference's own speed, and more
 constexpr double kReturnEase = 40;     // 1/s more speed where it is nearer
 constexpr int kPasses = 4;             // through the joints, as each moves the others
 

@@ -83,6 +83,8 @@ class TorqueLimiter {
   // The greatest of these torques, by what that joint can give.
   double share(const Vector7& tau) const noexcept { return tau.cwiseAbs().cwiseQuotient(tau_max_).maxCoeff(); }
 
+  const Vector7& rate() const noexcept { return dtau_max_; }  // N m/s
+
   // Brings the whole vector inside the limits, in its direction, from `last`, which was commanded dt seconds before; N m. True if
   // it had to. One that is not finite is taken for zero.
   bool scale(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept;

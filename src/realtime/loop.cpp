@@ -307,7 +307,7 @@ void Loop::prepare_motion() noexcept {
       driver_.post(fci::StopMove{});  // should it start after all
       move_id_.reset();
       phase_ = Phase::kIdle;
-      drop_next(Ending::kRefused, fci::Command::kMove, fci::Status::kFailed);
+      drop_next(Ending::kRefused, fci::Command::kMove, move_again_ != 0 ? fci::Status::kNotPossible : fci::Status::kFailed);
     }
   }
 }
@@ -359,6 +359,7 @@ void Loop::pace_path() noexcept {
   const double behind = held_back_ ? lag(wanted_, reference_) : 0;
   const double held = robot_->takes_torque() && !robot_->has_reference() ? gate_.lag_of(cycle_) : 0;
   path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
+  waited_ |= held > behind;
   if (behind >= held && !gate_.stuck()) slowed_ += (1 - path_.rate()) * kTick;
 }
 
@@ -409,7 +410,7 @@ void Loop::send_command() noexcept {
 // A skill ends when its reference rests.
 void Loop::terminate_skill() noexcept {
   if (phase_ == Phase::kRunning && !waits_for_start()) {
-    const Progress progress{*skill_->trajectory, trajectory_over_, slowed_, reference_};
+    const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_, slowed_};
     int termination = -1;
     for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
       const auto& numbers = skill_->numbers.terminations;
@@ -567,6 +568,7 @@ void Loop::start_skill() noexcept {
   cycle_.time = 0;
   path_.start(0);
   slowed_ = 0;
+  waited_ = false;
   watch_.reset();
   start_controller(!robot_->has_reference());
   gate_.reset(reference_);
@@ -613,6 +615,7 @@ void Loop::change_parts() noexcept {
       skill_->numbers.trajectory = change->numbers.trajectory;
       path_.start(0);
       slowed_ = 0;
+      waited_ = false;
       rejoin_.stop();
       start_trajectory();
     }

@@ -128,6 +128,7 @@ class Loop {
   double skill_time_ = 0;    // s
   PathClock path_;         // of its trajectory
   double slowed_ = 0;      // s that limits have made it longer
+  bool waited_ = false;    // for an arm that was held
   bool held_back_ = false;  // by limits, in the step before
   bool trajectory_over_ = false;
   bool faulty_ = false;      // the holder's controller is at fault, and no longer asked

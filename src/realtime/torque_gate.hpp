@@ -10,7 +10,8 @@ namespace realtime {
 
 // Where every torque goes through before it is sent. What a controller asks for is scaled as a whole where it is beyond the
 // limits, so that the wrench that it makes keeps its direction; then walls and joint limits push and brake the measured arm; and
-// what they add stays inside the limits too.
+// what they add stays inside the limits too. A joint that something holds away from its reference is pulled no harder than lets
+// it be slow when it is let go: with inertia I and torque falling at its rate r it comes to tau²/(2 r I).
 class TorqueGate {
  public:
   explicit TorqueGate(const models::Limits& limits) : limits_(limits), barrier_(limits) {}
@@ -26,6 +27,8 @@ class TorqueGate {
   bool walled() const noexcept { return walled_; }
 
  private:
+  double hold_back(const Cycle& cycle, const Vector7& tau) const noexcept;
+
   TorqueLimiter limits_;
   JointBarrier barrier_;
   bool walled_ = false;

@@ -12,6 +12,7 @@
 
 #include "allocation_counter.hpp"
 #include "mock_driver.hpp"
+#include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/controllers/joint_impedance.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/trajectories/min_jerk_pose.hpp"
@@ -1091,7 +1092,8 @@ TEST_F(LoopTest, AnArmThatIsHeldIsWaitedForAndDoesNotLeap) {
     SCOPED_TRACE(pose);
     const Vector7 q = robot.q();
     if (pose) {
-      give(to_pose({0.1, 0.3, -0.1}, 2), std::make_unique<PoseSpring>());
+      give(to_pose({0.1, 0.3, -0.1}, 4), std::make_unique<CartesianImpedance>(CartesianImpedance::Parameters{
+                                              Vector3::Constant(600), Vector3::Constant(50), 1, 10}));
     } else {
       give(by(0.8, 2), std::make_unique<JointImpedance>(gains()));
     }

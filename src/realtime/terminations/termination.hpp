@@ -11,8 +11,9 @@ namespace realtime {
 struct Progress {
   const TrajectoryGenerator& trajectory;
   bool trajectory_over = false;
-  double slowed = 0;           // s that the arm's limits have made its trajectory longer
   const Reference& reference;  // commanded in this cycle, after the limits
+  bool waits = false;          // its trajectory has waited for an arm that was held
+  double slowed = 0;           // s that the arm's limits have made it longer
 };
 
 // Says when a skill ends. A kind is one file of this folder: constructed in the server room from its
