@@ -39,6 +39,7 @@ using namespace std::chrono_literals;
 
 constexpr auto kHeartbeat = 100ms;
 constexpr auto kReconnectPeriod = 500ms;
+constexpr auto kTellPeriod = 2s;
 constexpr auto kHandTime = 500ms;   // that a client's first look at the arm may wait for its hand
 
 // The log as part of recordings.
@@ -98,6 +99,7 @@ class ArmProcess {
     constexpr timespec period{0, std::chrono::nanoseconds(kHeartbeat).count()};
     while (sigtimedwait(&signals, nullptr, &period) < 0) {
       check_threads();
+      tell_not_taken();
       if (!report()) {
         spdlog::warn("the supervisor is gone: stopping");
         recorder_.keep("the-supervisor-is-gone");
@@ -125,6 +127,19 @@ class ArmProcess {
     const std::string bytes = arm.SerializeAsString();
     return send(options_.status_fd, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT) >= 0 ||
            errno == EAGAIN;
+  }
+
+  // What of the robot is not taken, where it becomes more.
+  void tell_not_taken() {
+    if (const auto now = Clock::now(); now - not_taken_told_at_ > kTellPeriod) {
+      not_taken_told_at_ = now;
+    } else {
+      return;
+    }
+    const std::lock_guard lock(mutex_);
+    std::string text = not_taken_ ? not_taken_->text() : "";
+    if (text != not_taken_told_ && !text.empty()) spdlog::warn("of the robot was not taken so far: {}", text);
+    not_taken_told_ = std::move(text);
   }
 
   // A hang ends the process: the supervisor starts it again, and the robot stops by its own reflex.
@@ -158,8 +173,15 @@ class ArmProcess {
       try {
         const auto driver = robot::FciDriver::connect(config_.address);
         told.clear();
+        publisher_.count(driver->shared_counters());
+        {
+          const std::lock_guard lock(mutex_);
+          not_taken_ = driver->shared_counters();
+        }
         serve(*driver);
+        const std::string not_taken = driver->counters().text();
         why = driver->lost() != nullptr ? driver->lost() : "no states arrive";
+        if (driver->lost() == nullptr && !not_taken.empty()) why += " that can be used: " + not_taken;
         why = "the connection to the robot at " + config_.address + " was lost: " + why;
       } catch (const std::exception& error) {
         why = error.what();
@@ -248,6 +270,9 @@ class ArmProcess {
   std::condition_variable changed_;
   std::string status_ = "starting";
   bool ready_ = false;
+  std::shared_ptr<const robot::FciDriver::Counters> not_taken_;
+  std::string not_taken_told_;
+  Clock::time_point not_taken_told_at_{};
   std::atomic<bool> quit_{false}, transport_quit_{false}, looping_{false};
 
   WakefulClock clock_{2 * kHeartbeat};

@@ -40,6 +40,7 @@ std::string explain(Outcome outcome, const robot::GripperClient& client) {
     case Outcome::kAborted: return "stopped, or another gripper command took over";
     case Outcome::kCancelled: return "the server is stopping";
     case Outcome::kLost: return client.lost();
+    case Outcome::kSilent: return "the hand gave no answer in time: is it switched on, and does its connection work? Stop it, or home it";
   }
   return "";
 }

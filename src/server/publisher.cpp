@@ -90,7 +90,7 @@ void Publisher::take_subscriptions() {
       if (unserved_.size() < kMostUnserved) {
         unserved_.insert(text);
       } else {
-        hang_up(message.get(ZMQ_SRCFD), endpoint_);
+        hang_up(zmq_msg_get(message.handle(), ZMQ_SRCFD), endpoint_);
       }
       refuse(text);
     }
@@ -151,6 +151,15 @@ void Publisher::add_rest(const realtime::Record& record, proto::ArmState& state)
   }
   state.clear_gripper();
   if (gripper_ != nullptr) gripper_->put_state(state);
+  if (not_taken_) {
+    auto& out = *state.mutable_not_taken();
+    out.set_wrong_size(not_taken_->wrong_size);
+    out.set_bad_values(not_taken_->bad_values);
+    out.set_old(not_taken_->old);
+    out.set_foreign(not_taken_->foreign);
+    out.set_unsent(not_taken_->unsent);
+    out.set_unasked(not_taken_->unasked);
+  }
   state.set_age((now_ns() - record.received_ns) * 1e-9);
 }
 
@@ -166,6 +175,11 @@ std::optional<proto::ArmState> Publisher::state() const {
   convert(*newest_, state);
   add_rest(*newest_, state);
   return state;
+}
+
+void Publisher::count(std::shared_ptr<const robot::FciDriver::Counters> not_taken) {
+  const std::lock_guard lock(mutex_);
+  not_taken_ = std::move(not_taken);
 }
 
 void Publisher::describe(std::uint64_t id, const std::string& description) {

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <set>
@@ -14,6 +15,7 @@
 
 #include "frankapy/proto/state.pb.h"
 #include "realtime/door.hpp"
+#include "robot/fci_driver.hpp"
 #include "server/sockets.hpp"
 
 namespace server {
@@ -39,6 +41,9 @@ class Publisher {
   std::optional<realtime::Record> newest() const;
   // The same as clients see it, with its age.
   std::optional<frankapy::proto::ArmState> state() const;
+
+  // What of the robot that is connected now was not taken.
+  void count(std::shared_ptr<const robot::FciDriver::Counters> not_taken);
 
   // What skill `id` is called in the states.
   void describe(std::uint64_t id, const std::string& description);
@@ -72,6 +77,7 @@ class Publisher {
 
   mutable std::mutex mutex_;
   std::optional<realtime::Record> newest_;
+  std::shared_ptr<const robot::FciDriver::Counters> not_taken_;
   std::map<std::uint64_t, std::string> descriptions_;
 
   std::atomic<bool> quit_{false};

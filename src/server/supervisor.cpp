@@ -38,10 +38,6 @@ using Clock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
 
 constexpr auto kTick = 50ms;
-constexpr auto kSilence = 1s;      // of a child that was heard before: it hangs
-constexpr auto kFirstWord = 10s;   // for a new child
-constexpr auto kShortLife = 1s;    // a child that ends sooner is started again later
-constexpr auto kStopTime = 6s;     // to brake, finish and end
 constexpr int kFirstFreeFd = 16;   // in a child, for a moment
 constexpr std::size_t kMaxStatus = 64 << 10;       // bytes
 constexpr std::int64_t kMaxRequest = 1 << 20;  // bytes
@@ -55,8 +51,10 @@ int text_file(const std::string& text) {
 
 class Child {
  public:
-  Child(const Config& config, int index, const std::string& toml, const std::vector<std::string>& arguments)
-      : index_(index),
+  Child(const Config& config, int index, const std::string& toml, const std::vector<std::string>& arguments,
+        const SupervisorTimes& times)
+      : times_(times),
+        index_(index),
         listen_(config.listen),
         recordings_(config.recordings),
         toml_(toml),
@@ -89,7 +87,7 @@ class Child {
   void look_after(bool stopping) {
     now_ = clock_.now();
     if (pid_ > 0) listen_to();
-    if (pid_ > 0 && !stopping && now_ - heard_ > (spoken_ ? kSilence : kFirstWord)) {
+    if (pid_ > 0 && !stopping && now_ - heard_ > (spoken_ ? times_.silence : times_.first_word)) {
       spdlog::error("arm {}: its process hangs{} and is started again", info_.name(), record_->where());
       end(SIGKILL);
     }
@@ -186,7 +184,7 @@ class Child {
     if (signal == 0 && status == 0) spdlog::info("arm {}: its process {}", info_.name(), how);
     if (signal == 0 && status != 0) spdlog::error("arm {}: its process {}", info_.name(), how);
     if (status != 0) write_down(how);
-    next_start_ = Clock::now() - started_ < kShortLife ? started_ + kShortLife : Clock::now();
+    next_start_ = Clock::now() - started_ < times_.short_life ? started_ + times_.short_life : Clock::now();
   }
 
   // While the next process begins with another.
@@ -203,6 +201,7 @@ class Child {
     });
   }
 
+  const SupervisorTimes times_;
   const int index_;
   const std::string& listen_;
   const RecordingsConfig& recordings_;
@@ -225,8 +224,8 @@ class Child {
 
 class Supervisor {
  public:
-  Supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments)
-      : listen_(config.listen), socket_(context_, zmq::socket_type::router) {
+  Supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments, const SupervisorTimes& times)
+      : times_(times), listen_(config.listen), socket_(context_, zmq::socket_type::router) {
     socket_.set(zmq::sockopt::linger, 0);
     socket_.set(zmq::sockopt::maxmsgsize, kMaxRequest);
     try {
@@ -238,7 +237,7 @@ class Supervisor {
     }
     connections_.emplace(context_, socket_);
     for (std::size_t i = 0; i < config.arms.size(); ++i) {
-      children_.push_back(std::make_unique<Child>(config, static_cast<int>(i), toml, arguments));
+      children_.push_back(std::make_unique<Child>(config, static_cast<int>(i), toml, arguments, times));
     }
   }
 
@@ -276,7 +275,7 @@ class Supervisor {
       if (items[1].revents != 0 && !stopping) {
         spdlog::info("stopping: the arms brake and finish");
         stopping = true;
-        stop_until = Clock::now() + kStopTime;
+        stop_until = Clock::now() + times_.stop;
         for (const auto& child : children_) child->stop();
       }
       if (items[0].revents != 0) {
@@ -322,6 +321,7 @@ class Supervisor {
     }
   }
 
+  const SupervisorTimes times_;
   const std::string listen_;
   zmq::context_t context_;
   zmq::socket_t socket_;
@@ -331,8 +331,9 @@ class Supervisor {
 
 }  // namespace
 
-int run_supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments) {
-  return Supervisor(config, toml, arguments).run();
+int run_supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments,
+                   const SupervisorTimes& times) {
+  return Supervisor(config, toml, arguments, times).run();
 }
 
 }  // namespace server

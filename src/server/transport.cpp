@@ -208,11 +208,11 @@ void Transport::take(zmq::message_t& identity, zmq::message_t& frame) {
 void Transport::handle_waiting() {
   const auto until = Clock::now() + kHandlingTime;
   while (!waiting_.empty()) {
-    const Waiting next = std::move(waiting_.front());
+    Waiting next = std::move(waiting_.front());
     waiting_.pop_front();
     waiting_bytes_ -= next.frame.size();
     if (next.frame.size() > kShort) {
-      read_on_workbench(next);
+      read_on_workbench(std::move(next));
     } else {
       handle(next);
     }
@@ -248,10 +248,9 @@ void Transport::handle(const Waiting& waiting) {
 }
 
 // As handle(), but for what would take longer than what is urgent may wait.
-void Transport::read_on_workbench(const Waiting& waiting) {
+void Transport::read_on_workbench(Waiting waiting) {
   struct Read {
-    Address from;
-    std::string bytes;
+    zmq::message_t frame;
     proto::Request request;
   };
   const Head head = head_of(waiting.frame);
@@ -259,18 +258,22 @@ void Transport::read_on_workbench(const Waiting& waiting) {
   const Address from{waiting.client, *head.request_id};
   try {
     known(from);
-    const auto read = std::make_shared<Read>(Read{from, waiting.frame.to_string(), {}});
+    const auto read = std::make_shared<Read>();
+    read->frame = std::move(waiting.frame);
     put_on_workbench(
         from,
         [read] {
-          if (!read->request.ParsePartialFromString(read->bytes)) {
+          if (!read->request.ParsePartialFromArray(read->frame.data(), static_cast<int>(read->frame.size()))) {
             throw Refused(proto::Error::INVALID_ARGUMENT,
                           fmt::format("{} bytes that cannot be read as a Request: expected one message of service.proto in one frame",
-                                      read->bytes.size()));
+                                      read->frame.size()));
           }
           wire::validate(read->request);
         },
-        [this, read, skill = waiting.skill] { answer(read->from, read->request, skill); });
+        [this, from, read, skill = waiting.skill] {
+          // Others may have overtaken it, and ids grow; but not past a stop that came behind it.
+          answer(from, read->request, skill <= door_.stop_up_to.load() ? skill : ++last_skill_);
+        });
   } catch (...) {
     refuse(from, std::current_exception());
   }
@@ -374,7 +377,7 @@ void Transport::start_skill(const Address& from, proto::Request& request, std::u
   const Before before = this->before(from, request.start_skill());
   build->from = from;
   build->connection = require_connection();
-  build->message = request.start_skill().skill();
+  build->message.Swap(request.mutable_start_skill()->mutable_skill());
   build->skill_id = id;
   if (before.queued) build->after = running_.at(request.start_skill().after()).goal;
   build->request = std::move(request);
@@ -427,11 +430,12 @@ void Transport::begin_skill(Build& build) {
   const std::uint64_t id = skill->id = build.skill_id;
   if (before.queued) skill->after = start.after();
   skill->blend = start.blend();
-  Running running{from, kinds_of(start.skill()), skill->trajectory->goal(), start.skill(), skill->mode, skill->settings};
-  publisher_.describe(id, start.skill().description());
+  publisher_.describe(id, build.message.description());
   proto::SkillEvent event;
-  *event.mutable_started() = start.skill();
+  event.mutable_started()->Swap(&build.message);
   note(event, id, from);
+  Running running{from, kinds_of(event.started()), skill->trajectory->goal(), std::move(*event.mutable_started()), skill->mode,
+                  skill->settings};
   if (!before.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
   sensors_.bind(id, sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations));

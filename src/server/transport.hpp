@@ -120,9 +120,9 @@ class Transport {
   // A skill on the workbench, and what it is for.
   struct Build {
     Address from;
-    frankapy::proto::Request request;
+    frankapy::proto::Request request;  // without the skill
     Connection connection;
-    frankapy::proto::Skill message;  // of ChangeSkill: what the skill will be
+    frankapy::proto::Skill message;  // what the skill is, or will be
     std::uint64_t skill_id = 0;
     std::optional<realtime::Reference> after;  // the end of the one before, where that is queued behind
     bool path = true;
@@ -138,7 +138,7 @@ class Transport {
   void take(zmq::message_t& identity, zmq::message_t& frame);
   void handle_waiting();
   void handle(const Waiting& waiting);
-  void read_on_workbench(const Waiting& waiting);
+  void read_on_workbench(Waiting waiting);
   void put_on_workbench(const Address& from, std::function<void()> work, std::function<void()> done);
   void put_on_workbench(std::shared_ptr<Build> build, void (Transport::*go_on)(Build&));
   void answer(const Address& from, frankapy::proto::Request& request, std::uint64_t skill);

@@ -164,6 +164,7 @@ TEST(Config, TheExampleIsOne) {
 TEST(Config, AFileThatCannotBeReadIsNamed) {
   EXPECT_THROW(read_config_file("/nowhere/arms.toml"), ConfigError);
   EXPECT_THROW(read_config_file("/tmp"), ConfigError);
+  EXPECT_THROW(read_config_file("/dev/zero"), ConfigError) << "which does not end";
 }
 
 TEST(Config, NamesLibrariesOfParts) {

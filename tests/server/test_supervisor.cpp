@@ -1,10 +1,12 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <poll.h>
 #include <signal.h>
 #include <spawn.h>
 #include <sys/wait.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -44,10 +46,17 @@ class Program {
     char byte;
     while (read(out[0], &byte, 1) == 1 && byte != '\n') first_line_ += byte;
     close(out[0]);
-    log_ = std::thread([this, fd = err[0]] {
+    err_ = err[0];
+    fcntl(err_, F_SETPIPE_SZ, 4096);
+    log_ = std::thread([this] {
       char bytes[4096];
-      for (ssize_t size; (size = read(fd, bytes, sizeof bytes)) > 0;) text_.append(bytes, size);
-      close(fd);
+      pollfd ready{err_, POLLIN, 0};
+      while (!paused_) {
+        if (poll(&ready, 1, 10) == 0) continue;
+        const ssize_t size = read(err_, bytes, sizeof bytes);
+        if (size <= 0) return;
+        text_.append(bytes, size);
+      }
     });
   }
   ~Program() {
@@ -60,12 +69,19 @@ class Program {
     int status = 0;
     waitpid(pid_, &status, 0);
     pid_ = 0;
-    log_.join();
+    if (log_.joinable()) log_.join();
+    close(err_);
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   }
 
   std::string endpoint() const { return first_line_.substr(first_line_.rfind(' ') + 1); }
   const std::string& log() const { return text_; }  // after stop()
+
+  // From now on nobody takes what it logs.
+  void stop_reading() {
+    paused_ = true;
+    log_.join();
+  }
 
   // Process ids of the arms' processes.
   std::vector<pid_t> children() const {
@@ -76,6 +92,8 @@ class Program {
 
  private:
   pid_t pid_ = 0;
+  int err_ = -1;
+  std::atomic<bool> paused_{false};
   std::string first_line_, text_;
   std::thread log_;
 };
@@ -129,6 +147,7 @@ TEST_F(SupervisorTest, SaysWhereEachArmIsOrWhyNot) {
   EXPECT_EQ(welcome.protocol_version(), FakeRobot::kVersion);
   EXPECT_EQ(welcome.limits().q_max_size(), 7);
   EXPECT_FALSE(welcome.gripper());
+  ASSERT_TRUE(eventually([&] { return client.state().has_state(); }));  // the first may be on its way still
   EXPECT_EQ(client.state().state().robot().q(3), models::kHome[3]);
   EXPECT_EQ(arm(0).state_endpoint(), welcome.state_endpoint());
 
@@ -192,7 +211,7 @@ TEST_F(SupervisorTest, AnArmThatDiesIsStartedAgainWhereItWas) {
   // The client's connection comes back by itself, and it is asked for its name again.
   EXPECT_EQ(client.state().error().code(), proto::Error::UNKNOWN_CLIENT);
   EXPECT_TRUE(client.hello().has_welcome());
-  EXPECT_TRUE(client.state().has_state());
+  EXPECT_TRUE(eventually([&] { return client.state().has_state(); }));
 }
 
 TEST_F(SupervisorTest, AnArmThatHangsIsStartedAgain) {
@@ -219,6 +238,25 @@ TEST_F(SupervisorTest, GarbageDoesNotDisturbIt) {
   EXPECT_TRUE(eventually([&] { return ready(0); }));
 }
 
+// A pipe that nobody reads, as a terminal that is paused.
+TEST_F(SupervisorTest, ALogThatNobodyReadsStopsNobody) {
+  ASSERT_TRUE(eventually([&] { return ready(0); }));
+  program_->stop_reading();
+  Client client(context_, arm(0).endpoint());
+  for (int i = 0; i < 100; ++i) {  // each makes a line that names the client, of which the pipe takes some ten
+    proto::Request hello, recover;
+    hello.mutable_hello()->set_version(proto::CURRENT);
+    hello.mutable_hello()->set_client(std::string(256, 'x'));
+    ASSERT_TRUE(client.ask(hello).has_welcome()) << i;
+    recover.mutable_recover();
+    const auto reply = client.ask(recover);
+    ASSERT_TRUE(reply.has_done() || reply.has_error()) << i;
+    ASSERT_TRUE(client.say_goodbye().has_done()) << i;
+  }
+  EXPECT_EQ(arm(0).starts(), 1u);
+  EXPECT_EQ(arm(0).status(), "ready");
+}
+
 TEST_F(SupervisorTest, TheArmsEndWithIt) {
   ASSERT_TRUE(eventually([&] { return ready(0); }));
   const auto children = program_->children();
@@ -226,6 +264,23 @@ TEST_F(SupervisorTest, TheArmsEndWithIt) {
   for (const pid_t child : children) {
     EXPECT_TRUE(eventually([&] { return kill(child, 0) != 0; })) << child;
   }
+}
+
+TEST(Supervisor, AModelThatTheRobotContradictsMovesNothing) {
+  const std::string address = free_address(), file = testing::TempDir() + "model_" + std::to_string(getpid()) + ".toml";
+  const FakeRobot robot(address);
+  std::ofstream(file) << "[server]\nport = 0\n[[arm]]\nname = 'left'\naddress = '" << address << "'\ngripper = false\nmodel = 'fr3'\n";
+  const Program program({"--config", file});
+  zmq::context_t context;
+  Client client(context, program.endpoint());
+  std::string status;
+  EXPECT_TRUE(eventually([&] {
+    const auto arm = client.list_arms().arms().arms(0);
+    EXPECT_FALSE(arm.has_endpoint());
+    status = arm.status();
+    return status.find("limits and masses of another arm would apply") != std::string::npos;
+  })) << status;
+  std::filesystem::remove(file);
 }
 
 TEST(Supervisor, ATakenPortIsNamedWithTheRemedy) {

@@ -1,5 +1,10 @@
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <random>
 #include <thread>
 
@@ -8,6 +13,7 @@
 #include "server/sensor_hub.hpp"
 #include "server/transport.hpp"
 #include "tests/server/client.hpp"
+#include "tests/server/gate.hpp"
 #include "tests/server/skills.hpp"
 
 namespace server {
@@ -68,7 +74,9 @@ class TransportTest : public testing::Test {
   Publisher publisher_{context_, "127.0.0.1", 0, door_, nullptr};
   SensorHub sensors_{context_, "127.0.0.1", 0, box_.journal};
   Recorder recorder_{box_, RecordingsConfig{.mode = RecordingsConfig::Mode::kOff, .folder = {}}, "arm", nullptr};
-  Transport transport_{context_, "127.0.0.1", 0, door_, publisher_, sensors_, recorder_, nullptr};
+  std::atomic<std::chrono::milliseconds> time_{0ms};  // that leases go by
+  Transport transport_{context_, "127.0.0.1", 0, door_, publisher_, sensors_, recorder_, nullptr, WallStore({}),
+                       {.lease_time = 800ms, .clock = [this] { return time_.load(); }}};
   std::atomic<bool> quit_{false};
   std::thread thread_;
   const proto::Skill skill_ = skill_of(joint_motion(), proto::JointImpedance());
@@ -268,10 +276,125 @@ TEST_F(TransportTest, ASilentClientLosesTheLease) {
   ASSERT_TRUE(a.start(skill_).has_skill_started());
   finish(take());
   EXPECT_TRUE(a.receive().has_skill_result());
-  EXPECT_TRUE(b.start(skill_).has_error());
-  const auto deadline = std::chrono::steady_clock::now() + 20s;
-  while (b.start(skill_).has_error() && std::chrono::steady_clock::now() < deadline) std::this_thread::sleep_for(50ms);
+  time_ = 799ms;
+  EXPECT_EQ(b.start(skill_).error().code(), proto::Error::BUSY);
+  EXPECT_TRUE(a.state().has_state());  // which is a word
+  time_ = 1598ms;
+  EXPECT_EQ(b.start(skill_).error().code(), proto::Error::BUSY);
+  time_ = 1600ms;
+  EXPECT_TRUE(b.state().has_state());  // a round in which it has been silent for so long
+  EXPECT_TRUE(b.start(skill_).has_skill_started());
   EXPECT_EQ(a.start(skill_).error().code(), proto::Error::BUSY);
+}
+
+// --- what takes long ---
+
+TEST_F(TransportTest, AStopDoesNotWaitForWhatIsBuilt) {
+  Gate gate;
+  auto a = client(), b = client(), c = client();
+  proto::StayJoint stay;
+  stay.set_duration(1);
+  const auto start = [&](Client& client) {
+    proto::Request request;
+    *request.mutable_start_skill()->mutable_skill() = skill_of(stay, proto::JointImpedance());
+    return client.send(request);
+  };
+  const auto first = start(a);
+  gate.wait_for(1);
+  const auto second = start(b);
+  EXPECT_TRUE(b.state().has_state()) << "others are served, and it too";
+  EXPECT_EQ(door_.stop_up_to.load(), 0u);
+  EXPECT_TRUE(c.stop().has_done());
+  const auto stopped = door_.stop_up_to.load();
+  EXPECT_GE(stopped, 2u);
+
+  // Both were asked for before the stop: of what is built after it the loop runs nothing.
+  gate.open();
+  const auto started = a.receive();
+  EXPECT_EQ(started.request_id(), first);
+  EXPECT_LE(started.skill_started().skill_id(), stopped);
+  EXPECT_EQ(b.receive().request_id(), second);
+  finish(take(), realtime::Ending::kStopped);
+  EXPECT_EQ(a.receive().skill_result().ending(), proto::STOPPED);
+  EXPECT_GT(a.start(skill_).skill_started().skill_id(), stopped) << "one that is asked for after it runs";
+}
+
+TEST_F(TransportTest, OneRequestOfAClientIsBuiltAtATime) {
+  Gate gate;
+  auto a = client(), b = client();
+  proto::Request request;
+  proto::StayJoint stay;
+  stay.set_duration(1);
+  *request.mutable_start_skill()->mutable_skill() = skill_of(stay, proto::JointImpedance());
+  const auto first = a.send(request);
+  gate.wait_for(1);
+  const auto refused = a.start(skill_);
+  EXPECT_EQ(refused.error().code(), proto::Error::BUSY);
+  EXPECT_NE(refused.error().message().find("another request of this client is being looked at"), std::string::npos)
+      << refused.error().message();
+  const auto second = b.send(request);  // the lease is free still
+  EXPECT_TRUE(b.state().has_state());
+  gate.open();
+  auto reply = a.receive();
+  EXPECT_EQ(reply.request_id(), first);
+  EXPECT_TRUE(reply.has_skill_started());
+  reply = b.receive();
+  EXPECT_EQ(reply.request_id(), second);
+  EXPECT_EQ(reply.error().code(), proto::Error::BUSY) << "meanwhile the other one commands";
+}
+
+TEST_F(TransportTest, WhatIsBuiltForARobotThatIsGoneIsRefused) {
+  Gate gate;
+  auto a = client();
+  proto::Request request;
+  proto::StayJoint stay;
+  stay.set_duration(1);
+  *request.mutable_start_skill()->mutable_skill() = skill_of(stay, proto::JointImpedance());
+  a.send(request);
+  gate.wait_for(1);
+  transport_.disconnected("the robot is gone");
+  connect();
+  gate.open();
+  EXPECT_EQ(a.receive().error().code(), proto::Error::NOT_READY);
+  EXPECT_EQ(take(), nullptr);
+}
+
+TEST_F(TransportTest, UnreachableGoalsKeepNobodyWaiting) {
+  auto a = client(), b = client();
+  proto::Request request;
+  *request.mutable_start_skill()->mutable_skill() = skill_of(pose_motion(3, 0, 0), proto::CartesianImpedance());
+  constexpr int kGoals = 64;
+  for (int i = 0; i < kGoals; ++i) a.send(request);
+  EXPECT_TRUE(b.stop().has_done());
+  EXPECT_TRUE(b.state().has_state());
+  int unreachable = 0, busy = 0;
+  for (int i = 0; i < kGoals; ++i) {
+    const auto error = a.receive().error();
+    const bool looked_at = error.message().find("out of the arm's reach") != std::string::npos;
+    EXPECT_EQ(error.code(), looked_at ? proto::Error::INVALID_ARGUMENT : proto::Error::BUSY) << error.message();
+    (looked_at ? unreachable : busy) += 1;
+  }
+  EXPECT_GE(unreachable, 1);
+  EXPECT_EQ(unreachable + busy, kGoals);
+  EXPECT_EQ(take(), nullptr);
+  EXPECT_TRUE(a.start(skill_).has_skill_started());
+}
+
+TEST_F(TransportTest, ALargeRequestIsReadAsASmallOneIs) {
+  auto a = client();
+  proto::Request request;
+  request.mutable_start_skill()->mutable_skill()->set_description(std::string(1 << 20, 'x'));
+  auto reply = a.ask(request);
+  EXPECT_EQ(reply.error().code(), proto::Error::INVALID_ARGUMENT);
+  EXPECT_NE(reply.error().message().find("Skill.description has 1048576 bytes"), std::string::npos) << reply.error().message();
+  request.mutable_hello()->set_client(std::string(1 << 20, 'x'));
+  EXPECT_EQ(stranger().ask(request).error().code(), proto::Error::UNKNOWN_CLIENT);
+  std::string bytes = "\x08\x05\x22";  // request 5, then a StartSkill that ends before it should
+  bytes += std::string(1 << 20, '\xff');
+  a.send_bytes(bytes);
+  reply = a.receive();
+  EXPECT_EQ(reply.request_id(), 5u);
+  EXPECT_EQ(reply.error().code(), proto::Error::INVALID_ARGUMENT);
 }
 
 TEST_F(TransportTest, EveryClientMayStop) {
@@ -396,13 +519,14 @@ class Subscriber {
   Subscriber(zmq::context_t& context, const std::string& endpoint, const std::string& topic)
       : topic_(topic + '\0'), socket_(context, zmq::socket_type::sub) {
     socket_.set(zmq::sockopt::linger, 0);
-    socket_.set(zmq::sockopt::rcvtimeo, 100);
+    socket_.set(zmq::sockopt::rcvtimeo, 20000);
     socket_.set(zmq::sockopt::subscribe, topic_);
     socket_.connect(endpoint);
   }
-  std::optional<proto::ArmState> next() {
+  // None where none comes; one that is there already, if asked for so.
+  std::optional<proto::ArmState> next(zmq::recv_flags flags = zmq::recv_flags::none) {
     zmq::message_t message;
-    if (!socket_.recv(message)) return std::nullopt;
+    if (!socket_.recv(message, flags)) return std::nullopt;
     proto::ArmState state;
     EXPECT_EQ(message.to_string_view().substr(0, topic_.size()), topic_);
     EXPECT_TRUE(state.ParseFromString(message.to_string().substr(topic_.size())));
@@ -415,32 +539,115 @@ class Subscriber {
 };
 
 TEST_F(TransportTest, StatesArePublishedToWhoListens) {
+  Subscriber wrong(context_, publisher_.endpoint(), "10 robot.nothing");
   Subscriber all(context_, publisher_.endpoint(), "1");
   Subscriber some(context_, publisher_.endpoint(), "10 robot.q,cycles");
-  Subscriber wrong(context_, publisher_.endpoint(), "10 robot.nothing");
-  std::optional<proto::ArmState> state;
+  std::optional<proto::ArmState> of_all, of_some;
   // Until the subscriptions have arrived.
-  for (int n = 0; n < 200 && !(state = some.next()); ++n) publish();
-  ASSERT_TRUE(state);
-  while (all.next()) {
+  while (!of_all || !of_some) {
+    publish();
+    if (!of_all) of_all = all.next(zmq::recv_flags::dontwait);
+    if (!of_some) of_some = some.next(zmq::recv_flags::dontwait);
+  }
+  for (int n = 1; n <= 50; ++n) publish();
+  for (auto expected = of_all->cycles() + 1; expected <= record_.cycles; ++expected) {
+    ASSERT_TRUE(of_all = all.next());
+    EXPECT_EQ(of_all->cycles(), expected);
+    EXPECT_EQ(of_all->robot().q(3), models::kHome[3]);
+    EXPECT_EQ(of_all->robot().tau_j_size(), 7);
+  }
+  for (auto expected = of_some->cycles() + 10; expected <= record_.cycles; expected += 10) {
+    ASSERT_TRUE(of_some = some.next());
+    EXPECT_EQ(of_some->cycles(), expected);
+    EXPECT_EQ(of_some->robot().q(3), models::kHome[3]);
+    EXPECT_EQ(of_some->robot().tau_j_size(), 0);
+    EXPECT_FALSE(of_some->has_phase());
+  }
+  EXPECT_FALSE(some.next(zmq::recv_flags::dontwait));
+  EXPECT_FALSE(wrong.next(zmq::recv_flags::dontwait));
+}
+
+TEST_F(TransportTest, WhoSubscribesToTooMuchIsCutOffAndNobodyElse) {
+  Subscriber honest(context_, publisher_.endpoint(), "1 cycles");
+  std::optional<proto::ArmState> state;
+  while (!(state = honest.next(zmq::recv_flags::dontwait))) publish();
+  for (const std::size_t length : {20u, 100'000u}) {  // many, and long ones
+    zmq::socket_t greedy(context_, zmq::socket_type::sub);
+    greedy.set(zmq::sockopt::linger, 0);
+    greedy.set(zmq::sockopt::reconnect_ivl, -1);
+    const std::string events = "inproc://greedy " + std::to_string(length);
+    ASSERT_EQ(zmq_socket_monitor(greedy.handle(), events.c_str(), ZMQ_EVENT_DISCONNECTED), 0);
+    zmq::socket_t monitor(context_, zmq::socket_type::pair);
+    monitor.set(zmq::sockopt::rcvtimeo, 20000);
+    monitor.connect(events);
+    std::mt19937 random(7);
+    for (int n = 0; n < 1000; ++n) {
+      std::string topic(length, '\0');
+      for (char& byte : topic) byte = static_cast<char>('a' + random() % 26);
+      greedy.set(zmq::sockopt::subscribe, topic);
+      if (length > 1000) break;
+    }
+    greedy.connect(publisher_.endpoint());
+    zmq::message_t event;
+    EXPECT_TRUE(monitor.recv(event)) << "it has its connection still";
+    zmq_socket_monitor(greedy.handle(), nullptr, 0);
   }
   const auto last = record_.cycles;
-  for (int n = 1; n <= 50; ++n) publish();
-  for (auto expected = last + 1; expected <= record_.cycles; ++expected) {
-    ASSERT_TRUE(state = all.next());
-    EXPECT_EQ(state->cycles(), expected);
-    EXPECT_EQ(state->robot().q(3), models::kHome[3]);
-    EXPECT_EQ(state->robot().tau_j_size(), 7);
+  publish();
+  while (state && state->cycles() <= last) state = honest.next();
+  EXPECT_TRUE(state);
+  EXPECT_TRUE(client().state().has_state());
+}
+
+TEST_F(TransportTest, WhatOfTheRobotIsNotTakenIsPublished) {
+  auto a = client();
+  EXPECT_FALSE(a.state().state().has_not_taken());
+  const auto counters = std::make_shared<robot::FciDriver::Counters>();
+  counters->wrong_size = 3;
+  counters->bad_values = 5;
+  publisher_.count(counters);
+  const auto not_taken = a.state().state().not_taken();
+  EXPECT_EQ(not_taken.wrong_size(), 3u);
+  EXPECT_EQ(not_taken.bad_values(), 5u);
+  EXPECT_EQ(not_taken.foreign(), 0u);
+}
+
+TEST(ConnectionLimit, EndsThoseThatAreTooMany) {
+  zmq::context_t context;
+  zmq::socket_t socket(context, zmq::socket_type::router);
+  socket.bind("tcp://127.0.0.1:*");
+  const std::string endpoint = socket.get(zmq::sockopt::last_endpoint);
+  ConnectionLimit limit(context, socket, 3);
+  const auto connect = [&] {
+    const int fd = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_in to{.sin_family = AF_INET, .sin_port = htons(port_of(endpoint)), .sin_addr = {htonl(INADDR_LOOPBACK)}, .sin_zero = {}};
+    EXPECT_EQ(::connect(fd, reinterpret_cast<sockaddr*>(&to), sizeof to), 0);
+    return fd;
+  };
+  // The greeting of the library, and then the end where it was ended.
+  const auto ended = [&](int fd) {
+    char bytes[64];
+    for (ssize_t size; (size = ::recv(fd, bytes, sizeof bytes, MSG_DONTWAIT)) != 0;) {
+      if (size < 0 && errno != EAGAIN) return true;
+      if (size < 0) return false;
+    }
+    return true;
+  };
+  std::vector<int> fds;
+  for (int i = 0; i < 10; ++i) fds.push_back(connect());
+  const auto left = [&] { return std::count_if(fds.begin(), fds.end(), [&](int fd) { return !ended(fd); }); };
+  while (left() > 3) limit.look();
+  EXPECT_EQ(left(), 3);
+  // Where one goes, another may come.
+  for (const int fd : fds) ::close(fd);
+  fds.clear();
+  Client client(context, endpoint);
+  client.send_bytes("a word");
+  zmq::message_t identity;
+  while (!socket.recv(identity, zmq::recv_flags::dontwait)) {
+    limit.look();
+    std::this_thread::sleep_for(1ms);
   }
-  int n = 0;
-  for (; (state = some.next()); ++n) {
-    EXPECT_EQ(state->cycles() % 10, 0u);
-    EXPECT_EQ(state->robot().q(3), models::kHome[3]);
-    EXPECT_EQ(state->robot().tau_j_size(), 0);
-    EXPECT_FALSE(state->has_phase());
-  }
-  EXPECT_GE(n, 5);
-  EXPECT_FALSE(wrong.next());
 }
 
 }  // namespace
