@@ -54,6 +54,7 @@ _PATIENCE = 10.0  # s, for an answer on the control channel
 _DRAWING = 60.0  # s, that a picture may take on a busy computer, the first most
 _SLOWEST_CYCLE = 0.3  # s: in lockstep, when the client falls silent
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_STARTED_BY = "FRANKAPY_STARTED_BY"  # environment of its children: its process id
 
 
 @dataclass
@@ -581,6 +582,7 @@ class _Child:
             errors="replace",
             start_new_session=True,  # Ctrl-C is for the script, which then ends its children
             preexec_fn=before_start,
+            env=os.environ | {_STARTED_BY: str(os.getpid())},
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -656,14 +658,15 @@ def left_over_arms() -> list[int]:
     found = []
     for folder in Path("/proc").iterdir():
         try:
-            if not folder.name.isdigit() or folder.stat().st_uid != os.getuid() or (folder / "comm").read_text() != "fci-sim\n":
+            if not folder.name.isdigit() or (folder / "comm").read_text() != "fci-sim\n":
                 continue
-            _, parent, _, session = (folder / "stat").read_text().rpartition(")")[2].split()[:4]
-            # A Simulation gives each a session of its own; one that was started from a shell is in the shell's.
-            if session == folder.name and "python" not in os.readlink(f"/proc/{parent}/exe"):
-                found.append(int(folder.name))
-        except OSError:  # it has just ended, or its parent is not ours to look at
+            parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+            environment = (folder / "environ").read_bytes().split(b"\0")
+        except OSError:  # it has just ended, or is another user's
             continue
+        starter = next((each for each in environment if each.startswith(f"{_STARTED_BY}=".encode())), None)
+        if starter is not None and starter != f"{_STARTED_BY}={parent}".encode():
+            found.append(int(folder.name))
     return sorted(found)
 
 

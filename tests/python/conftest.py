@@ -1,5 +1,6 @@
 """Simulated arms with servers for the tests: in lockstep."""
 
+import subprocess
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from frankapy import FrankaArm, FrankaConstants
-from frankapy.sim import SimulatedArm, Simulation, read_truth
+from frankapy.sim import SimulatedArm, Simulation, die_with_parent, read_truth
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 HOME = np.array(FrankaConstants.HOME_JOINTS)
@@ -19,6 +20,19 @@ def recordings_folder(tmp_path_factory):
     """Let no test leave recordings in its user's data."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def programs_end_with_the_tests():
+    """Let whatever a test starts end when the tests are killed."""
+    start = subprocess.Popen.__init__
+
+    def start_as_child(self, *arguments, **options):
+        start(self, *arguments, **({"preexec_fn": die_with_parent} | options))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(subprocess.Popen, "__init__", start_as_child)
         yield
 
 

@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 import pytest
+import zmq
 from scripted_server import HOME, ScriptedServer
 
 from frankapy import (
@@ -25,7 +26,8 @@ from frankapy import (
     connection,
     proto,
 )
-from frankapy.sim import die_with_parent, free_address
+from frankapy.sim import free_address
+from frankapy.states import StateStream
 
 
 @pytest.fixture
@@ -304,7 +306,7 @@ def script(server):
 
     def start(call):
         command = [sys.executable, "-c", INTERRUPTED.format(call=call), server.address]
-        children.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent))
+        children.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         return children[-1]
 
     yield start
@@ -364,6 +366,12 @@ def test_a_signal_lets_the_hand_hold_what_it_has(server, script):
     child.send_signal(signal.SIGINT)
     child.communicate(timeout=60)
     assert len(server.calls("gripper")) == 1
+
+
+def test_programs_that_tests_start_end_with_them():
+    asks = "import ctypes; n = ctypes.c_int(); ctypes.CDLL(None).prctl(2, ctypes.byref(n)); print(n.value)"
+    done = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True)
+    assert int(done.stdout) == signal.SIGTERM
 
 
 def test_a_hang_up_that_is_ignored_stays_so(server):
@@ -442,6 +450,22 @@ def test_a_read_whose_server_ended_asks_the_next_one():
         reader.join()
         assert joints == HOME
         arm.close()
+
+
+def test_a_slow_reader_loses_what_comes_while_too_many_wait():
+    context = zmq.Context()
+    publisher = context.socket(zmq.XPUB)
+    publisher.sndhwm, publisher.linger = 100, 0
+    publisher.bind("tcp://127.0.0.1:*")
+    count = 40_000
+    with StateStream(publisher.last_endpoint.decode(), timeout=0.5) as stream:
+        topic = publisher.recv()[1:]
+        for i in range(count):
+            publisher.send(topic + proto.ArmState(skill_id=i + 1, skill_description="x" * 1000).SerializeToString())
+        received = [state.skill_id for state in stream]
+    assert received[:10_000] == list(range(1, 10_001))
+    assert received[-1] < count
+    context.destroy(linger=0)
 
 
 def test_errors_name_what_python_calls_what_is_to_be_done(server, arm):

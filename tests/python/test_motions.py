@@ -195,6 +195,23 @@ def test_the_gripper_arrives_before_its_call_returns(fa, ideal_arm):
     assert fa.is_gripper_skill_done()
 
 
+def test_whether_something_is_grasped_is_told_when_the_call_returns(fa):
+    for _ in range(4):
+        fa.goto_gripper(0.008, speed=0.1)
+        assert not fa.get_gripper_is_grasped()
+        fa.close_gripper()
+        assert fa.get_gripper_is_grasped()
+    fa.goto_gripper(0.008, block=False)
+    wait_until(fa.is_gripper_skill_done)
+    assert not fa.get_gripper_is_grasped()
+
+
+def test_a_grasp_that_names_no_force_grasps(fa):
+    fa.goto_gripper(0.008)
+    fa.goto_gripper(0, grasp=True, ignore_errors=False)
+    assert fa.get_gripper_is_grasped()
+
+
 def test_the_gripper_moves_while_the_arm_does(fa):
     fa.goto_gripper(0.08)
     fa.goto_joints(GOAL, 2, block=False)

@@ -125,6 +125,24 @@ def test_walls_are_not_asked_where_they_are_ignored(fa):
     fa.goto_joints(joints, 1, ignore_virtual_walls=True)
 
 
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("end", ["rest_min", "rest_max"])
+def test_joints_that_are_reachable_are_those_that_the_server_takes(fa, joint, end):
+    inwards = 1 if end == "rest_min" else -1
+    outside, inside = HOME.copy(), HOME.copy()
+    outside[joint] = getattr(fa.limits, end)[joint] - inwards * 1e-6
+    inside[joint] = getattr(fa.limits, end)[joint] + inwards * 1e-6
+    assert not fa.is_joints_reachable(outside) and fa.is_joints_reachable(inside)
+    for refused in (
+        lambda: fa.goto_joints(outside, ignore_virtual_walls=True),
+        lambda: fa.run(proto.MinJerkJoint(q=outside, duration=60), block=False),
+    ):
+        with pytest.raises(FrankaArmArgumentError, match=rf"(joints|q)\[{joint}\] is"):
+            refused()
+    fa.goto_joints(inside, 60, block=False, ignore_virtual_walls=True)
+    fa.stop_skill()
+
+
 def test_walls_are_those_of_the_constants(fa, monkeypatch):
     walls = FrankaConstants.WORKSPACE_WALLS.copy()
     walls[3, 0] = 0.35

@@ -1,13 +1,19 @@
 """The control channel of the simulated arm: each call does what it says, judged by the truth."""
 
+import os
+import signal
+import socket
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 import zmq
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, proto
-from frankapy.sim import CONTROL_PORT, ControlChannel, SimulatedArm, Simulation, free_address, read_truth
+from frankapy.sim import CONTROL_PORT, ControlChannel, SimulatedArm, Simulation, free_address, left_over_arms, program, read_truth
 
 HOME = [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4]
 
@@ -50,6 +56,80 @@ def test_truth_is_what_the_robot_says_of_an_ideal_arm(sim, fa):
     assert set(truth.objects) == {"small_block", "block", "large_block"}
     np.testing.assert_allclose(truth.objects["block"][:3, 3], [0.55, 0, 0.02], atol=1e-3)
     assert truth.cycle == truth.message_id and truth.paused is None
+
+
+def test_the_truth_file_grows_by_a_hundred_rows(tmp_path):
+    with Simulation(SimulatedArm(truth=tmp_path / "truth.npy")):
+        lengths = {len(read_truth(tmp_path / "truth.npy", until=until)) for until in (100, 150, 400)}
+    assert all(length % 100 == 0 for length in lengths) and len(lengths) > 1
+    assert len(read_truth(tmp_path / "truth.npy")) >= max(lengths)
+
+
+@pytest.mark.parametrize("ideal", [True, False])
+def test_the_sensors_of_an_ideal_arm_have_no_noise(ideal):
+    with Simulation(SimulatedArm(ideal=ideal)) as sim, FrankaArm(server=sim.server) as fa, fa.states() as states:
+        q = np.array([states.receive().robot.q for _ in range(20)])
+        assert (np.ptp(q, axis=0) < 1e-7).all() == ideal
+
+
+# --- its programs ----------------------------------------------------------------------------------------------------
+
+KILLED = """
+import os, signal
+from frankapy.sim import Simulation
+with Simulation() as sim:
+    print(*sim.processes, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def is_running(process):
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return False
+
+
+def test_the_programs_of_a_script_that_is_killed_end():
+    done = subprocess.run([sys.executable, "-c", KILLED], stdout=subprocess.PIPE, text=True, check=False)
+    processes = list(map(int, done.stdout.split()))
+    assert len(processes) == 2
+    until(lambda: not any(map(is_running, processes)))
+
+
+def test_a_port_that_is_taken_is_told_with_by_whom(sim):
+    port = sim.server.rpartition(":")[2]
+    done = subprocess.run(
+        [sys.executable, "-m", "frankapy.cli", "sim", "--port", port], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert f"Port {port} of 127.0.0.1 is taken, by a franka-interface with arm1 at {sim.addresses[0]}" in done.stderr
+    assert "frankapy sim --port 0" in done.stderr
+    with socket.create_server(("127.0.0.1", 0)) as stranger:
+        stranger.listen()
+        with pytest.raises(FrankaArmException, match="is taken, by another program"):
+            Simulation(port=stranger.getsockname()[1])
+
+
+def test_an_address_that_is_taken_is_told(sim):
+    with pytest.raises(FrankaArmException, match=f"{sim.addresses[0]}:1337 is taken: is there a simulated arm of another run"):
+        Simulation(SimulatedArm(address=sim.addresses[0]))
+
+
+def test_an_arm_that_was_left_over_is_told_of(sim):
+    environment = os.environ | {"FRANKAPY_STARTED_BY": str(os.getpid())}
+    start = f"{program('fci-sim')} --listen {free_address()} > /dev/null 2>&1 & echo $!"
+    left = int(subprocess.run(["sh", "-c", start], env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout)
+    try:
+        until(lambda: left in left_over_arms())
+        assert sim.processes[0] not in left_over_arms()
+        port = sim.server.rpartition(":")[2]  # is taken, so that this ends
+        done = subprocess.run(
+            [sys.executable, "-m", "frankapy.cli", "sim", "--port", port], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert f"`kill {left}` ends it" in done.stderr
+    finally:
+        os.kill(left, signal.SIGKILL)
 
 
 # --- time ------------------------------------------------------------------------------------------------------------
