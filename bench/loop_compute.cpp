@@ -77,6 +77,9 @@ struct Example {
   "quat_alpha: 48 quat_beta: 12 quat_mu: [1, 0.8] quat_h: [50, 50] quat_weights: [0, 0, 0, 0, 0, 0] " \
   "goal_quat: [0, 1, 0, 0] goal_quat_time: 0.6 duration: 0.8 "
 
+#define TIMES_8(x) x ", " x ", " x ", " x ", " x ", " x ", " x ", " x
+#define TIMES_512(x) TIMES_8(TIMES_8(TIMES_8(x)))
+
 // A line for each kind of trajectory. Motions take 0.8 s.
 constexpr Example kTrajectories[] = {
     {"MinJerkJoint", "q: [" AWAY "] duration: 0.8", "q: [" HOME "] duration: 0.8"},
@@ -112,9 +115,9 @@ constexpr Example kTrajectories[] = {
     {"JointWaypoints", "q: [" AWAY ", " HOME "] speed: 0.2", "q: [" AWAY ", " HOME "] speed: 0.2"},
     {"PoseWaypoints", "position: [0.387, 0.08, 0.437, 0.307, 0, 0.487] quaternion: [0, 1, 0, 0, 0, 1, 0, 0] speed: 0.1",
      "position: [0.387, 0.08, 0.437, 0.307, 0, 0.487] quaternion: [0, 1, 0, 0, 0, 1, 0, 0] speed: 0.1"},
-    {"JointSamples", "q: [" HOME ", " HOME "]", "q: [" HOME ", " HOME "]"},
-    {"PoseSamples", "position: [0.307, 0, 0.487, 0.307, 0, 0.487] quaternion: [0, 1, 0, 0, 0, 1, 0, 0]",
-     "position: [0.307, 0, 0.487, 0.307, 0, 0.487] quaternion: [0, 1, 0, 0, 0, 1, 0, 0]"},
+    {"JointSamples", "q: [" TIMES_512(HOME) "]", "q: [" TIMES_512(HOME) "]"},
+    {"PoseSamples", "position: [" TIMES_512("0.307, 0, 0.487") "] quaternion: [" TIMES_512("0, 1, 0, 0") "]",
+     "position: [" TIMES_512("0.307, 0, 0.487") "] quaternion: [" TIMES_512("0, 1, 0, 0") "]"},
     {"StreamJoint", "topic: 'nobody'", "topic: 'nobody'"},
     {"StreamPose", "topic: 'nobody'", "topic: 'nobody'"},
     {"StreamForcePosition", "topic: 'nobody'", "topic: 'nobody'"},
