@@ -87,12 +87,6 @@ const Arm& arm(std::string_view name);
 // and changed its velocity envelope.
 const Limits& limits(const Arm& arm, std::uint16_t version);
 
-// Those limits and what the robot's own URDF (protocol 8 and later) states of ranges, velocities and torques: of both the
-// narrower. The robot knows what it takes, so that nothing beyond its figures is commanded; and a table is of the newest system
-// of its protocol version, so that no robot takes more than its table: a wider figure in a URDF is one that somebody has edited,
-// or one of hardware alone. Throws std::invalid_argument for what is no URDF, and where nothing of a joint's range is left.
-Limits narrowed(Limits limits, const std::string& urdf);
-
 std::span<const Capsule> capsules();
 
 // The Franka hand: its frame on the flange is turned by -45° about z.

@@ -322,7 +322,8 @@ void require_numbers(const mjModel& m, const std::string& title) {
     mjtObj kind;
     const char* name;
     const mjtNum* values;
-    int count, width;
+    mjtSize count;
+    int width;
   };
   const std::array<Values, 19> all = {{
       {mjOBJ_BODY, "pos of body", m.body_pos, m.nbody, 3},
@@ -346,9 +347,9 @@ void require_numbers(const mjModel& m, const std::string& title) {
       {mjOBJ_UNKNOWN, "friction of a joint", m.dof_frictionloss, m.nv, 1},
   }};
   for (const auto& [kind, what, values, count, width] : all) {
-    for (int i = 0; i < count * width; ++i) {
+    for (mjtSize i = 0; i < count * width; ++i) {
       if (std::isfinite(values[i])) continue;
-      const char* name = kind == mjOBJ_UNKNOWN ? nullptr : mj_id2name(&m, kind, i / width);
+      const char* name = kind == mjOBJ_UNKNOWN ? nullptr : mj_id2name(&m, kind, static_cast<int>(i / width));
       throw std::runtime_error(title + ": " + what + (name ? " \"" + std::string(name) + "\"" : "") + " is " +
                                std::to_string(values[i]) + "; expected a number");
     }

@@ -19,7 +19,7 @@ constexpr double kMotorInertia = 0.1;  // kg m², about what the mass matrix lea
 constexpr double kReturnSpeed = 0.2;   // rad/s of a joint that comes back to its reference from farther away than the next
 constexpr double kReturnFrom = 0.05;   // rad
 constexpr double kReturnShare = 1.2;   // of the reference's own speed, and more
-constexpr double kReturnEase = 40;     // 1/s more speed where it is nearer
+constexpr double kReturnEase = 40;     // 1/s, more speed where it is nearer than twice that
 constexpr int kPasses = 4;             // through the joints, as each moves the others
 
 }  // namespace
@@ -32,7 +32,7 @@ JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {
 }
 
 bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c,
-                       const Lead* lead, Vector7& tau_J_d) const noexcept {
+                       const Lead& lead, Vector7& tau_J_d) const noexcept {
   // Along the way that each joint moves: its greatest speed here, and the acceleration that keeps to it.
   Vector7 sign, most;
   bool near = false, needed = false;
@@ -44,9 +44,9 @@ bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& M, co
     const double brake = kBrakeShare * limits_.ddq_max[i];
     const double brakable = std::sqrt(2 * brake * std::max(way, 0.));
     double greatest = std::min(allowed, brakable);
-    if (lead != nullptr && sign[i] * (lead->q[i] - q[i]) > 0) {
-      const double nearer = std::max(kReturnFrom - std::abs(lead->q[i] - q[i]), 0.);
-      greatest = std::min(greatest, kReturnSpeed + kReturnShare * std::abs(lead->dq[i]) + kReturnEase * nearer);
+    if (lead.away > kReturnFrom && sign[i] * (tau_J_d[i] - c[i]) > 0) {
+      const double nearer = std::max(2 * kReturnFrom - lead.away, 0.);
+      greatest = std::min(greatest, kReturnSpeed + kReturnShare * std::abs(lead.dq[i]) + kReturnEase * nearer);
     }
     most[i] = kApproach * (greatest - speed);
     if (brakable < allowed) most[i] -= brake * std::min(speed / std::max(brakable, 1e-3), 1.);

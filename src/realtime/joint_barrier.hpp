@@ -15,13 +15,15 @@ class JointBarrier {
  public:
   explicit JointBarrier(const models::Limits& limits);
 
-  // Where the arm is led to, rad and rad/s. An arm that is far from there, as something held it, goes back slowly.
+  // How its reference moves (rad/s), and how far away from it the arm is (rad). One that is far, as something held it, goes
+  // back slowly; a hand that pushes it farther is not hindered.
   struct Lead {
-    Vector7 q, dq;
+    Vector7 dq = Vector7::Zero();
+    double away = 0;
   };
 
   // Adds to tau_J_d, N m; M is the mass matrix at q, c the Coriolis torque (N m). True if it had to.
-  bool add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, const Lead* lead,
+  bool add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, const Lead& lead,
            Vector7& tau_J_d) const noexcept;
 
  private:

@@ -25,6 +25,10 @@ constexpr std::uint64_t kSettlingTime = 1000;  // ms after which it is damped un
 // Torque that brings an arm to rest whose controller has failed, or does not hold it: damping, N m s/rad.
 const Vector7 kFaultDamping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
 
+// rad that an arm is away from its reference: from where on its path goes slower, and where it waits. Soft controllers lag and
+// are loaded.
+constexpr double kLagging = 0.15, kHeld = 0.3;
+
 constexpr double kFadeTime = 0.1;       // s in which a difference of torque fades away, at least
 constexpr double kFadePerTorque = 0.3;  // s more, where it is more than a joint can give: for each time of that
 constexpr double kLongestFade = 5;      // s
@@ -357,7 +361,8 @@ void Loop::generate_reference() noexcept {
 // has fallen behind the reference, as something holds it.
 void Loop::pace_path() noexcept {
   const double behind = held_back_ ? lag(wanted_, reference_) : 0;
-  const double held = robot_->takes_torque() && !robot_->has_reference() ? gate_.lag_of(cycle_) : 0;
+  const bool ours = robot_->takes_torque() && !robot_->has_reference();
+  const double held = ours ? std::max((gate_.away(cycle_) - kLagging) / (kHeld - kLagging), 0.) : 0;
   path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
   waited_ |= held > behind;
   if (behind >= held && !gate_.stuck()) slowed_ += (1 - path_.rate()) * kTick;
@@ -379,7 +384,8 @@ void Loop::compute_torque() noexcept {
       if (faulty_ && skill_ != nullptr) stop_running(Ending::kComponentFault);
     }
     if (faulty_ || lets_go) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
-    limited_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, holder_->controller->tracks() && !lets_go, tau_J_d_);
+    const bool led = holder_->controller->tracks() && !lets_go && !faulty_;
+    limited_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? gate_.away(cycle_) : 0, tau_J_d_);
     walled_skill_ |= torque_gate_.walled();
   }
   walled_skill_ |= gate_.walled();

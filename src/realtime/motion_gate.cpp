@@ -12,8 +12,6 @@ namespace {
 
 constexpr double kBeside = 2e-3;  // rad, m
 
-// rad that a joint is away from its reference: from where on, and where a path waits for it. Soft controllers lag and are loaded.
-constexpr double kLagging = 0.15, kHeld = 0.3;
 constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
 
 // So near to each other that an arm which a wall holds up does not stir for it.
@@ -51,16 +49,11 @@ Vector7 MotionGate::joint_velocity() const noexcept {
   return now.kind == ReferenceKind::kJoint ? now.joint.dq : Vector7(joints_.dq_dP * now.cartesian.velocity);
 }
 
-double MotionGate::lag_of(const Cycle& cycle) const noexcept {
+double MotionGate::away(const Cycle& cycle) const noexcept {
   const Reference& now = limiter_.last();
-  double away = 0;  // rad
-  if (now.kind == ReferenceKind::kJoint) {
-    away = (now.joint.q - cycle.q).cwiseAbs().maxCoeff();
-  } else {
-    const Vector6 way = change_between(at(cycle.O_T_EE), now.cartesian);
-    away = std::max(way.head<3>().norm() / kReach, way.tail<3>().norm());
-  }
-  return std::clamp((away - kLagging) / (kHeld - kLagging), 0., 1.);
+  if (now.kind == ReferenceKind::kJoint) return (now.joint.q - cycle.q).cwiseAbs().maxCoeff();
+  const Vector6 way = change_between(at(cycle.O_T_EE), now.cartesian);
+  return std::max(way.head<3>().norm() / kReach, way.tail<3>().norm());
 }
 
 // Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does

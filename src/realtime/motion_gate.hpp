@@ -35,8 +35,8 @@ class MotionGate {
   // About where the joints are with it.
   const JointsOfPose& joints() const noexcept { return joints_; }
   Vector7 joint_velocity() const noexcept;  // rad/s
-  // How far the arm is behind it, from where something must be holding it (0) to where a path waits (1).
-  double lag_of(const Cycle& cycle) const noexcept;
+  // How far the arm is away from it: of its farthest joint, or as far as a joint turns to move the tool so far; rad.
+  double away(const Cycle& cycle) const noexcept;
   bool at_rest() const noexcept { return limiter_.at_rest(); }
   bool stuck() const noexcept { return limiter_.stuck(); }
 

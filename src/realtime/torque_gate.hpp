@@ -10,7 +10,7 @@ namespace realtime {
 
 // Where every torque goes through before it is sent. What a controller asks for is scaled as a whole where it is beyond the
 // limits, so that the wrench that it makes keeps its direction; then walls and joint limits push and brake the measured arm; and
-// what they add stays inside the limits too. A joint that something holds away from its reference is pulled no harder than lets
+// what they add stays inside the limits too. An arm that something holds away from its reference is pulled no harder than lets
 // it be slow when it is let go: with inertia I and torque falling at its rate r it comes to tau²/(2 r I).
 class TorqueGate {
  public:
@@ -20,14 +20,14 @@ class TorqueGate {
   double share(const Vector7& tau) const noexcept { return limits_.share(tau); }
 
   // tau_J_d: the last command in, the next one out (N m). True if something was held back.
-  // `tracks`: the controller leads the arm to the reference.
-  bool pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, bool tracks, Vector7& tau_J_d) noexcept;
+  // `away`: from where the controller leads it, rad (MotionGate::away()); 0 if it leads it nowhere.
+  bool pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away, Vector7& tau_J_d) noexcept;
 
   // A wall has pushed in the last pass().
   bool walled() const noexcept { return walled_; }
 
  private:
-  double hold_back(const Cycle& cycle, const Vector7& tau) const noexcept;
+  double hold_back(const Cycle& cycle, const Vector7& tau, double away) const noexcept;
 
   TorqueLimiter limits_;
   JointBarrier barrier_;

@@ -6,6 +6,8 @@
 #include <regex>
 #include <stdexcept>
 
+#include "server/urdf_limits.hpp"
+
 namespace server {
 namespace {
 
@@ -94,7 +96,7 @@ ArmModel choose_model(fci::Version version, const std::string& robot_urdf, const
 }
 
 models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config) {
-  models::Limits limits = models::narrowed(models::limits(*model.arm, version), model.urdf);
+  models::Limits limits = narrowed(models::limits(*model.arm, version), model.urdf);
   for (int i = 0; i < models::kJoints; ++i) {
     limits.dq_max[i] *= config.limits.velocity;
     limits.ddq_max[i] *= config.limits.acceleration;

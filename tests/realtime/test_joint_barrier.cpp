@@ -32,7 +32,7 @@ class Barrier : public testing::TestWithParam<const char*> {
     for (int cycle = 0; cycle < 1000 * seconds; ++cycle) {
       Vector7 tau = arm.model.coriolis() - arm.dq;  // as light as a guided arm
       tau[joint] += share * limits.tau_max[joint];
-      if (with_barrier) barrier.add(arm.q, arm.dq, arm.model.mass(), arm.model.coriolis(), nullptr, tau);
+      if (with_barrier) barrier.add(arm.q, arm.dq, arm.model.mass(), arm.model.coriolis(), {}, tau);
       torque_limiter.limit(tau, last, SimulatedArm::kDt, last);
       arm.step(last);
       for (int i = 0; i < models::kJoints; ++i) {
@@ -82,11 +82,11 @@ TEST_P(Barrier, TakesWhatLeadsBeyondTheSpeedAndNoMore) {
   };
   Vector7 tau = accelerated(0.9 * 20 * room);
   const Vector7 before = tau;
-  EXPECT_FALSE(barrier.add(arm.q, arm.dq, M, arm.model.coriolis(), nullptr, tau));
+  EXPECT_FALSE(barrier.add(arm.q, arm.dq, M, arm.model.coriolis(), {}, tau));
   EXPECT_LT((tau - before).norm(), 1e-9);
   tau = accelerated(2 * 20 * room);
   const Vector7 hard = tau;
-  EXPECT_TRUE(barrier.add(arm.q, arm.dq, M, arm.model.coriolis(), nullptr, tau));
+  EXPECT_TRUE(barrier.add(arm.q, arm.dq, M, arm.model.coriolis(), {}, tau));
   for (int i = 0; i < models::kJoints; ++i) {
     if (i == 4) continue;
     EXPECT_NEAR(tau[i], hard[i], 1e-6) << "joint " << i + 1;
@@ -113,13 +113,13 @@ TEST_P(Barrier, LeavesAloneWhatCanStillBeBraked) {
   const Vector7 none = Vector7::Zero();
   Vector7 q = Vector7::Map(models::kHome.data());
   const auto half = 0.5 * Vector7::Map(limits.dq_max.data());
-  EXPECT_FALSE(barrier.add(q, half, M, none, nullptr, tau));
-  EXPECT_FALSE(barrier.add(q, -half, M, none, nullptr, tau));
+  EXPECT_FALSE(barrier.add(q, half, M, none, {}, tau));
+  EXPECT_FALSE(barrier.add(q, -half, M, none, {}, tau));
   for (int i = 0; i < models::kJoints; ++i) q[i] = rest_max(limits, i) - 0.021;
-  EXPECT_FALSE(barrier.add(q, Vector7::Zero(), M, none, nullptr, tau));
-  EXPECT_FALSE(barrier.add(q, -half, M, none, nullptr, tau)) << "away from the end";
+  EXPECT_FALSE(barrier.add(q, Vector7::Zero(), M, none, {}, tau));
+  EXPECT_FALSE(barrier.add(q, -half, M, none, {}, tau)) << "away from the end";
   EXPECT_EQ(tau, Vector7::Zero());
-  EXPECT_TRUE(barrier.add(q, half, M, none, nullptr, tau));
+  EXPECT_TRUE(barrier.add(q, half, M, none, {}, tau));
   EXPECT_LT(tau.maxCoeff(), 0);
 }
 

@@ -96,11 +96,11 @@ TEST(ArmModel, LimitsAreTheNarrowerOfTheRobotsAndTheTables) {
   // Nothing wider than the table, and nothing of what is no bound.
   EXPECT_EQ(limits_with("lower", -4.0).q_min, table.q_min);
   EXPECT_EQ(limits_with("upper", 4.0).q_max, table.q_max);
-  for (const double no_bound : {0.0, 100.0, -1.0, double(NAN), double(INFINITY)}) {
+  for (const double no_bound : {0.0, 1000.0, -1.0}) {
     EXPECT_EQ(limits_with("velocity", no_bound).dq_max, table.dq_max) << no_bound;
     EXPECT_EQ(limits_with("effort", no_bound).tau_max, table.tau_max) << no_bound;
   }
-  EXPECT_EQ(limits_with("lower", NAN).q_min, table.q_min);
+  for (const char* each : {"lower", "velocity", "effort"}) EXPECT_THROW(limits_with(each, NAN), std::invalid_argument) << each;
   EXPECT_EQ(limits_with("lower", 5.0).q_min, table.q_min) << "above upper";
   EXPECT_EQ(limits_with("upper", -3.5).q_max, table.q_max) << "below lower";
 }

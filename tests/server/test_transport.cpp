@@ -362,7 +362,7 @@ TEST_F(TransportTest, WhatIsBuiltForARobotThatIsGoneIsRefused) {
 TEST_F(TransportTest, UnreachableGoalsKeepNobodyWaiting) {
   auto a = client(), b = client();
   proto::Request request;
-  *request.mutable_start_skill()->mutable_skill() = skill_of(pose_motion(3, 0, 0), proto::CartesianImpedance());
+  *request.mutable_start_skill()->mutable_skill() = skill_of(pose_motion(1.9, 0, 0), proto::CartesianImpedance());
   constexpr int kGoals = 64;
   for (int i = 0; i < kGoals; ++i) a.send(request);
   EXPECT_TRUE(b.stop().has_done());

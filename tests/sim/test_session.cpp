@@ -356,7 +356,8 @@ TEST(WallTimeProgram, TakesAPriorityAboveItsClientsWhereThatIsPermittedAndSaysSo
               std::string::npos)
         << said;
     RawClient client(arm.address(), 10);  // the arms' loops run
-    RawClient second(arm.next_address(), 10);
+    const std::string next = arm.next_address();
+    RawClient second(next, 10);
     EXPECT_EQ(real_time_priorities(arm.process()), std::vector<int>(permitted ? 2 : 0, highest));
   }
   SimulatedArm arm({"--lockstep"});

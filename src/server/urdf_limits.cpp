@@ -1,12 +1,12 @@
+#include "server/urdf_limits.hpp"
+
 #include <urdf_parser/urdf_parser.h>
 
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
-#include "models/arm.hpp"
-
-namespace models {
+namespace server {
 namespace {
 
 // Joint 1 to 7 of the arm, whatever its prefix; null where there is none.
@@ -25,10 +25,10 @@ void lower(double& bound, double stated) {
 
 }  // namespace
 
-Limits narrowed(Limits limits, const std::string& urdf) {
+models::Limits narrowed(models::Limits limits, const std::string& urdf) {
   const auto model = urdf::parseURDF(urdf);
   if (model == nullptr) throw std::invalid_argument("the robot's URDF cannot be read");
-  for (int i = 0; i < kJoints; ++i) {
+  for (int i = 0; i < models::kJoints; ++i) {
     const auto* stated = limits_of_joint(*model, i + 1);
     if (stated == nullptr) continue;
     lower(limits.dq_max[i], stated->velocity);
@@ -50,4 +50,4 @@ Limits narrowed(Limits limits, const std::string& urdf) {
   return limits;
 }
 
-}  // namespace models
+}  // namespace server
