@@ -360,8 +360,11 @@ void Loop::generate_reference() noexcept {
 // One cycle on along the path: slower where the reference has fallen behind it, as the limits are in the way, and where the arm
 // has fallen behind the reference, as something holds it.
 void Loop::pace_path() noexcept {
-  const double behind = held_back_ ? lag(wanted_, reference_) : 0;
-  const bool ours = robot_->takes_torque() && !robot_->has_reference();
+  // What comes as it goes along has a clock of its own.
+  const double duration = skill_->trajectory->duration();
+  const bool planned = duration > 0 && std::isfinite(duration);
+  const double behind = held_back_ && planned ? lag(wanted_, reference_) : 0;
+  const bool ours = robot_->takes_torque() && !robot_->has_reference() && holder_->controller->leads();
   const double held = ours ? std::max((gate_.away(cycle_) - kLagging) / (kHeld - kLagging), 0.) : 0;
   path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
   waited_ |= held > behind;
@@ -384,7 +387,7 @@ void Loop::compute_torque() noexcept {
       if (faulty_ && skill_ != nullptr) stop_running(Ending::kComponentFault);
     }
     if (faulty_ || lets_go) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
-    const bool led = holder_->controller->tracks() && !lets_go && !faulty_;
+    const bool led = holder_->controller->leads() && !lets_go && !faulty_;
     limited_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? gate_.away(cycle_) : 0, tau_J_d_);
     walled_skill_ |= torque_gate_.walled();
   }
@@ -576,6 +579,8 @@ void Loop::start_skill() noexcept {
   slowed_ = 0;
   waited_ = false;
   watch_.reset();
+  if (reference_.kind == ReferenceKind::kJoint) gate_.place(reference_.joint.q);
+  cycle_.q_ref = gate_.joints().q;
   start_controller(!robot_->has_reference());
   gate_.reset(reference_);
   start_trajectory();

@@ -34,7 +34,7 @@ constexpr int kSpeedSamples = 200;
 constexpr int kWallSamples = 100;         // of a way of joints, or poses
 constexpr int kSteps = 3;                // of inverse kinematics from one of them to the next, of a way of poses
 constexpr double kMissed = 5e-3;         // m, rad
-constexpr double kToolSpeedShare = 0.95;  // the rest is for what the arm does beside its reference
+constexpr double kToolSpeedShare = 0.94;  // the rest is for what the arm does beside its reference
 constexpr double kFarStart = 60, kLateStart = 1;  // s
 // Where a limit is the goal: rounding on the way to it is no violation.
 constexpr double kJointTolerance = 1e-6;  // rad

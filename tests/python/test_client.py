@@ -452,6 +452,7 @@ def test_a_read_whose_server_ended_asks_the_next_one():
         arm.close()
 
 
+@pytest.mark.nightly  # how much waits on its way is the operating system's
 def test_a_slow_reader_loses_what_comes_while_too_many_wait():
     context = zmq.Context()
     publisher = context.socket(zmq.XPUB)

@@ -9,6 +9,8 @@ from conftest import HOME
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, RigidTransform, proto
 from frankapy.sim import SimulatedArm, Simulation
 
+TRUTH_FILE = True
+
 # rad/s: of FER and, beyond its envelope, FR3 (frankarobotics.github.io, robot and interface specifications).
 FASTEST = {"fer": [2.175] * 4 + [2.61] * 3, "fr3": [2.62] * 4 + [5.26, 4.18, 5.26]}
 LOWEST, HIGHEST = np.array([0.25, -0.45, 0.05]), np.array([0.65, 0.45, 0.75])  # m
@@ -87,7 +89,8 @@ def random_goals(robot: str, count: int) -> None:
     with Simulation(SimulatedArm(robot=robot, lockstep=True)) as simulation, FrankaArm(server=simulation.server) as fa:
         fa.reset_joints()
         for index in range(count):
-            turn = RigidTransform.rotation_from_quaternion([np.cos(0.3), *(np.sin(0.3) * random.normal(size=3) / 1.7)])
+            axis = random.normal(size=3)
+            turn = RigidTransform.rotation_from_quaternion([np.cos(0.3), *(np.sin(0.3) * axis / np.linalg.norm(axis))])
             goal = fa.get_pose()
             goal.rotation = turn @ np.diag([1.0, -1.0, -1.0])
             goal.translation = random.uniform(LOWEST, HIGHEST)

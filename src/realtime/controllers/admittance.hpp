@@ -28,6 +28,7 @@ class Admittance : public Controller {
   bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
   // Without a spring on an axis, the arm stays where it was led.
   bool tracks() const noexcept override { return parameters_.stiffness.minCoeff() > 0; }
+  bool leads() const noexcept override { return false; }
   robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
 
   // Moves the reference as CartesianImpedance does, with x = 0.

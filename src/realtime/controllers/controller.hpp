@@ -19,6 +19,9 @@ class Controller : public Part {
   // after begins from where the arm is.
   virtual bool tracks() const noexcept { return true; }
 
+  // Whether it leads all of the arm there, and no force moves some of it elsewhere on purpose.
+  virtual bool leads() const noexcept { return tracks(); }
+
   // The robot controller that runs it for references of that kind, and what the robot must be set to.
   virtual robot::Mode mode(ReferenceKind kind) const noexcept = 0;
   virtual robot::Settings settings() const noexcept { return {}; }

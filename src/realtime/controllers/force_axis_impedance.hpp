@@ -24,6 +24,7 @@ class ForceAxisImpedance : public Controller {
   bool accepts(ReferenceKind) const noexcept override { return true; }
   bool exerts(Effort effort) const noexcept override { return effort != Effort::kTorque; }
   bool tracks() const noexcept override { return false; }
+  bool leads() const noexcept override { return false; }
   robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
 
   // The line goes through where the springs ask for the torque that is there; the trajectory's reference is not followed.

@@ -41,6 +41,7 @@ class HybridForcePosition : public Controller {
   bool exerts(Effort effort) const noexcept override { return effort != Effort::kTorque; }
   // With a force axis the arm leaves its reference.
   bool tracks() const noexcept override { return tracks_; }
+  bool leads() const noexcept override { return false; }
   robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
 
   void start(const Cycle& cycle, Reference& reference) noexcept override;
