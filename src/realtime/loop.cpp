@@ -28,6 +28,7 @@ const Vector7 kFaultDamping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
 // rad that an arm is away from its reference: from where on its path goes slower, and where it waits. Soft controllers lag and
 // are loaded.
 constexpr double kLagging = 0.15, kHeld = 0.3;
+constexpr double kStill = 0.1;  // rad/s of an arm that is held, and does not only lag
 
 constexpr double kFadeTime = 0.1;       // s in which a difference of torque fades away, at least
 constexpr double kFadePerTorque = 0.3;  // s more, where it is more than a joint can give: for each time of that
@@ -342,7 +343,7 @@ void Loop::generate_reference() noexcept {
       held_back_ = gate_.follow(wanted_, reference_);
       limited_ |= held_back_;
     }
-    trajectory_over_ &= !rejoin_.active();
+    trajectory_over_ &= !rejoin_.active() && (!held_back_ || gate_.stuck());  // not before the reference is there as well
     reference_.wrench = wanted_.wrench;
     reference_.torque = wanted_.torque;
     if (!is_finite(wanted_)) watch_.not_finite(PartWatch::kTrajectory, skill_->numbers.trajectory);
@@ -367,8 +368,9 @@ void Loop::pace_path() noexcept {
   const bool ours = robot_->takes_torque() && !robot_->has_reference() && holder_->controller->leads();
   const double held = ours ? std::max((gate_.away(cycle_) - kLagging) / (kHeld - kLagging), 0.) : 0;
   path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
-  waited_ |= held > behind;
-  if (behind >= held && !gate_.stuck()) slowed_ += (1 - path_.rate()) * kTick;
+  const bool waits = held > behind && cycle_.dq.cwiseAbs().maxCoeff() < kStill;
+  waited_ |= waits;
+  if (!waits && !gate_.stuck()) slowed_ += (1 - path_.rate()) * kTick;
 }
 
 void Loop::compute_torque() noexcept {

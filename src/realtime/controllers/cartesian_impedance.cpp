@@ -175,8 +175,7 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
       (exp(e.tail<3>() + shortened(shift.tail<3>(), kMaxTurn)) * Eigen::Quaterniond(cycle.O_T_EE.linear()))
           .normalized();
 
-  posture_ = cycle.q_ref;
-  posture_shift_ = cycle.q - posture_;
+  posture_shift_ = cycle.q - cycle.q_ref;
   if (nullspace_stiffness_ > 0) {
     const double pull = arm.n.dot(tau) + nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
     posture_shift_ += std::clamp(pull / nullspace_stiffness_, -kMaxPostureShift, kMaxPostureShift) * arm.n;
@@ -192,7 +191,7 @@ void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Ve
   const CartesianReference& pose = reference.cartesian;
   const Vector6 spring = in_base(cycle, stiffness_.now().cwiseProduct(in_frame(cycle, to_reference(cycle, pose))));
   const Vector6 force = spring + other_force(cycle, arm, pose);
-  const double pull = nullspace_stiffness_ * arm.n.dot(posture_ + posture_shift_ - cycle.q) -
+  const double pull = nullspace_stiffness_ * arm.n.dot(cycle.q_ref + posture_shift_ - cycle.q) -
                       nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
   tau_J_d.noalias() = cycle.model.jacobian().transpose() * force;
   tau_J_d += cycle.model.coriolis() + pull / arm.n_M_n * arm.M_n;

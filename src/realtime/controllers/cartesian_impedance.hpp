@@ -18,9 +18,9 @@ namespace realtime {
 // e is the way to the reference: position along the axes of O, and the rotation vector in O of the shortest
 // rotation to it, right up to 180°. Lambda = (J M^-1 J^T)^-1. D is designed with it, so that each mode of
 // Lambda, D, K has the damping ratio (less where the delay of the loop does not allow it). tau_null holds
-// the motion of the elbow that leaves EE at rest to the joints that the reference means at the start (Cycle::q_ref), critically
-// damped, and does not accelerate EE; first to where the torque goes on as it was, and from there to these. So the elbow does
-// not creep over a sequence of skills. The modes change slowly and are found anew every few cycles. Lambda counts the links
+// the motion of the elbow that leaves EE at rest to the joints that the reference means (Cycle::q_ref), critically damped, and
+// does not accelerate EE; at the start to where the torque goes on as it was, and from there to these. So the elbow does not
+// creep over a sequence of skills. The modes change slowly and are found anew every few cycles. Lambda counts the links
 // alone: the inertia of the motors makes the arm less damped than asked. A topic sets the stiffness anew while it runs
 // (CartesianImpedanceSensorMessage).
 class CartesianImpedance : public Controller {
@@ -68,7 +68,7 @@ class CartesianImpedance : public Controller {
   Vector6 mode_damping_;  // 1/s
   int modes_age_ = 0;     // cycles
   int null_column_ = 2;   // joint
-  Vector7 posture_ = Vector7::Zero(), posture_shift_ = Vector7::Zero();  // rad, for the null space; the latter fades
+  Vector7 posture_shift_ = Vector7::Zero();  // rad, of what the null space is held to; fades
 };
 
 }  // namespace realtime
