@@ -114,9 +114,8 @@ std::string explain(const realtime::PartFault& fault) {
 
 // Where commands did not come in time, a long step is worth a word.
 std::string late_step(const realtime::SkillResult& result) {
-  constexpr std::int64_t kLong = 5'000'000;  // ns
   const bool late = result.errors[static_cast<std::size_t>(fci::Error::kCommunicationConstraints)];
-  if (!late || result.fault.ns < kLong) return "";
+  if (!late || result.fault.ns < realtime::PartWatch::kVeryLong) return "";
   return fmt::format(". One step of {} took {:.0f} ms: was it that?", title_of(result.fault.part), result.fault.ns * 1e-6);
 }
 

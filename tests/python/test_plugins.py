@@ -210,6 +210,13 @@ def two_arms(bad):
         yield simulation
 
 
+@pytest.fixture(scope="session")
+def patient_arm(bad):
+    """Return a simulation whose arm waits for every command, however long a part takes."""
+    with Simulation(SimulatedArm(ideal=True, lockstep=True), load=[bad / "libbad_part.so"]) as simulation:
+        yield simulation
+
+
 # --- what `frankapy new` writes ----------------------------------------------------------------------------------------
 
 
@@ -445,16 +452,26 @@ WHY = {
 
 @pytest.mark.parametrize("role", ["controller", "trajectory", "termination"])
 @pytest.mark.parametrize("what", WHY)
-def test_a_part_that_does_not_belong_into_the_loop_is_taken_out_and_named(role, what, messages, two_arms):
+def test_a_part_that_does_not_belong_into_the_loop_is_taken_out_and_named(role, what, messages, patient_arm):
     if (role, what) == ("termination", "NOT_FINITE"):
         pytest.skip("a termination gives no numbers")
-    with FrankaArm(server=two_arms.server) as fa:
+    with FrankaArm(server=patient_arm.server) as fa:
         fa.wait_for_franka_interface()
         with pytest.raises(FrankaArmException, match=f"COMPONENT_FAULT: the {role} {NAMES[role]} {WHY[what]}"):
             fa.run(*skill_with(messages, role, what))
         # The arm goes on.
         assert fa.run(StayJoint(0.1), JointImpedance()).ending == proto.TERMINATED
-        assert [arm.starts for arm in list_arms(two_arms.server)][1] == 1
+        assert [arm.starts for arm in list_arms(patient_arm.server)] == [1]
+
+
+def test_where_a_slow_part_makes_the_robot_stop_it_is_named(messages, two_arms):
+    """Whichever comes first, the robot's patience or the loop's."""
+    name = NAMES["controller"]
+    seen = f"controller {name} {WHY['LATE']}|communication_constraints_violation.* step of the controller {name} took"
+    with FrankaArm(server=two_arms.server) as fa:
+        fa.wait_for_franka_interface()
+        with pytest.raises(FrankaArmException, match=seen):
+            fa.run(*skill_with(messages, "controller", "LATE"))
 
 
 def test_a_part_that_keeps_to_the_rules_is_left_alone(messages, two_arms):

@@ -30,19 +30,27 @@ ForceAxisImpedance::ForceAxisImpedance(const Parameters& parameters)
   require_within("max_translation", -1, parameters.max_translation, 0, 2, "m");
 }
 
+// The elbow does not follow the trajectory's reference either.
+Cycle ForceAxisImpedance::at_posture(const Cycle& cycle) const noexcept {
+  Cycle held = cycle;
+  held.q_ref = posture_;
+  return held;
+}
+
 void ForceAxisImpedance::start(const Cycle& cycle, Reference&) noexcept {
   cap_.start(cycle);
   line_ = {};
   line_.kind = ReferenceKind::kCartesian;
   line_.cartesian.position = cycle.O_T_EE.translation();
   line_.cartesian.orientation = Eigen::Quaterniond(cycle.O_T_EE.linear());
-  spring_.start(cycle, line_);
+  posture_ = cycle.q;
+  spring_.start(at_posture(cycle), line_);
 }
 
 void ForceAxisImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   const double share = cap_.share(cycle);
   const Vector3 force = share * axis_.dot(reference.wrench.head<3>()) * axis_;
-  spring_.step(cycle, line_, tau_J_d);
+  spring_.step(at_posture(cycle), line_, tau_J_d);
   tau_J_d.noalias() += cycle.model.jacobian().topRows<3>().transpose() * force;
   tau_J_d += cap_.damping(cycle, share);
 }

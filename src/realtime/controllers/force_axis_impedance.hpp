@@ -32,10 +32,13 @@ class ForceAxisImpedance : public Controller {
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;
 
  private:
+  Cycle at_posture(const Cycle& cycle) const noexcept;
+
   Vector3 axis_;
   MotionCap cap_;
   CartesianImpedance spring_;
   Reference line_;
+  Vector7 posture_ = Vector7::Zero();  // rad, that the elbow is held to
 };
 
 }  // namespace realtime
