@@ -464,6 +464,7 @@ void Loop::publish() noexcept {
 void Loop::post_result(SkillResult result, const Skill& skill) noexcept {
   result.skill_id = skill.id;
   result.robot_mode = state_.robot_mode;
+  if (result.ending != Ending::kConnectionLost) result.record = door_.records.written();  // publish() is still to come
   if (result.ending == Ending::kRobotError) {
     // The robot keeps the reason of its last reflex: of a user stop it says nothing.
     const bool stopped = state_.robot_mode == fci::RobotMode::kUserStopped;

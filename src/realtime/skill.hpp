@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "realtime/controllers/controller.hpp"
@@ -70,6 +71,8 @@ struct SkillResult {
   fci::Command refused = fci::Command::kMove;  // with kRefused: which request, and
   fci::Status status = fci::Status::kSuccess;  // the robot's answer; kFailed: it gave none within a second
   std::uint32_t wall = 0;        // Wall::id of the last one that held reference or torque back; 0: none
+  std::optional<std::uint64_t> record = {};  // number in Door::records of the cycle that ended it, which comes after this;
+                                             // none with kConnectionLost
   PartFault fault{};             // with kComponentFault: what, of which part; with kRobotError: its longest step
 };
 

@@ -33,7 +33,7 @@ constexpr std::size_t kDescriptionsKept = 512;
 
 Publisher::Publisher(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
                      Gripper* gripper)
-    : records_(door.records), gripper_(gripper), socket_(context, zmq::socket_type::xpub) {
+    : ring_(door.records), records_(ring_), gripper_(gripper), socket_(context, zmq::socket_type::xpub) {
   socket_.set(zmq::sockopt::linger, 0);
   socket_.set(zmq::sockopt::sndhwm, kSendQueue);
   socket_.set(zmq::sockopt::rcvhwm, kSubscriptionsAhead);
@@ -58,8 +58,6 @@ void Publisher::run() {
     take_subscriptions();
     while (records_.next(record)) {
       if (!topics_.empty()) publish(record);
-      const std::lock_guard lock(mutex_);
-      newest_ = record;
     }
     const auto now = std::chrono::steady_clock::now();
     if (const std::uint64_t all = records_.lost(); all != lost && now - told > kTellPeriod) {
@@ -164,16 +162,18 @@ void Publisher::add_rest(const realtime::Record& record, proto::ArmState& state)
 }
 
 std::optional<realtime::Record> Publisher::newest() const {
-  const std::lock_guard lock(mutex_);
-  return newest_;
+  realtime::Record record;
+  while (const std::uint64_t written = ring_.written()) {
+    if (ring_.read(written - 1, record)) return record;
+  }
+  return std::nullopt;
 }
 
-std::optional<proto::ArmState> Publisher::state() const {
-  const std::lock_guard lock(mutex_);
-  if (!newest_) return std::nullopt;
+proto::ArmState Publisher::state(const realtime::Record& record) const {
   proto::ArmState state;
-  convert(*newest_, state);
-  add_rest(*newest_, state);
+  convert(record, state);
+  const std::lock_guard lock(mutex_);
+  add_rest(record, state);
   return state;
 }
 

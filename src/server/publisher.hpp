@@ -22,7 +22,7 @@ namespace server {
 
 class Gripper;
 
-// Takes the loop's records, publishes them as ArmState to those who listen, and keeps the newest for reads. A slow subscriber
+// Takes the loop's records, publishes them as ArmState to those who listen, and has the newest for reads. A slow subscriber
 // loses states; nobody waits for it.
 //
 // What is subscribed to says which states: "1" all, "10" one in ten, "10 robot.q,robot.dq,phase" these fields of it. A message is
@@ -37,10 +37,10 @@ class Publisher {
 
   const std::string& endpoint() const { return endpoint_; }
 
-  // The newest record; none before the first.
+  // The loop's newest record, whether it has been published or not; none before the first.
   std::optional<realtime::Record> newest() const;
-  // The same as clients see it, with its age.
-  std::optional<frankapy::proto::ArmState> state() const;
+  // A record as clients see it, with its age.
+  frankapy::proto::ArmState state(const realtime::Record& record) const;
 
   // What of the robot that is connected now was not taken.
   void count(std::shared_ptr<const robot::FciDriver::Counters> not_taken);
@@ -64,6 +64,7 @@ class Publisher {
   void publish(const realtime::Record& record);
   void add_rest(const realtime::Record& record, frankapy::proto::ArmState& state) const;
 
+  const bridge::Ring<realtime::Record>& ring_;
   bridge::RingReader<realtime::Record> records_;
   Gripper* gripper_;
   zmq::socket_t socket_;
@@ -76,7 +77,6 @@ class Publisher {
   std::string bytes_;
 
   mutable std::mutex mutex_;
-  std::optional<realtime::Record> newest_;
   std::shared_ptr<const robot::FciDriver::Counters> not_taken_;
   std::map<std::uint64_t, std::string> descriptions_;
 

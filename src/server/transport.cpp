@@ -365,10 +365,8 @@ void Transport::hello(const Address& from, const proto::Hello& hello) {
 
 void Transport::get_state(const Address& from) {
   require_connection();
-  auto state = publisher_.state();
-  if (!state) throw Refused(proto::Error::NOT_READY, "no state of the robot yet: try again");
   proto::Reply reply;
-  *reply.mutable_state() = std::move(*state);
+  *reply.mutable_state() = publisher_.state(require_state());
   send(from, reply);
 }
 
@@ -674,6 +672,8 @@ void Transport::goodbye(const Address& from) {
 
 void Transport::take_results() {
   while (const realtime::SkillResult* result = door_.results.front()) {
+    // Whoever is told of the end reads a state that knows of it.
+    if (result->record && *result->record >= door_.records.written()) break;
     take_changes();  // that came before it
     end_skill(*result);
     door_.results.pop();
@@ -695,7 +695,12 @@ void Transport::end_skill(const realtime::SkillResult& result) {
     out.set_termination(terminations[result.termination]);
   }
   if (result.wall != 0) out.set_wall(walls_.name(result.wall));
-  if (auto state = publisher_.state()) *out.mutable_last_state() = std::move(*state);
+  realtime::Record record;
+  if (result.record && door_.records.read(*result.record, record)) {
+    *out.mutable_last_state() = publisher_.state(record);
+  } else if (const auto newest = publisher_.newest()) {
+    *out.mutable_last_state() = publisher_.state(*newest);
+  }
   if (!out.message().empty()) spdlog::warn("skill {}: {}", result.skill_id, out.message());
   send(running->second.starter, reply);
   if (result.ending == realtime::Ending::kComponentFault) recorder_.keep("component-fault");

@@ -41,12 +41,11 @@ class TransportTest : public testing::Test {
     publish();
   }
 
-  // A cycle of the loop; returns when the publisher has taken it.
+  // A cycle of the loop.
   void publish() {
     ++record_.cycles;
     ++record_.state.message_id;
     door_.records.push(record_);
-    while (!publisher_.newest() || publisher_.newest()->cycles != record_.cycles) std::this_thread::sleep_for(100us);
   }
 
   // The skill that waits at the door, as the loop takes it.
@@ -141,6 +140,27 @@ TEST_F(TransportTest, ASkillIsStartedAndItsResultComesBack) {
   EXPECT_EQ(result.skill_result().time(), 1.5);
   EXPECT_TRUE(result.skill_result().has_last_state());
   EXPECT_EQ(a.ask(status).skill_result().time(), 1.5);
+}
+
+TEST_F(TransportTest, AResultIsToldWithTheStateOfTheCycleThatEndedIt) {
+  auto a = client();
+  a.start(skill_);
+  auto skill = take();
+  ASSERT_NE(skill, nullptr);
+  record_.phase = realtime::Phase::kRunning;
+  publish();
+  // As the loop does: the result first, and the record of its cycle after it.
+  door_.results.push({.skill_id = skill->id, .ending = realtime::Ending::kRobotError, .record = door_.records.written()});
+  door_.retired.push(skill.release());
+  a.state();  // a round of the server
+  record_.phase = realtime::Phase::kError;
+  publish();
+  const auto ended = record_.cycles;
+  record_.phase = realtime::Phase::kIdle;
+  publish();
+  const auto result = a.receive();
+  EXPECT_EQ(result.skill_result().last_state().phase(), proto::ERROR);
+  EXPECT_EQ(result.skill_result().last_state().cycles(), ended);
 }
 
 TEST_F(TransportTest, WhatIsRefusedDoesNotReachTheDoor) {
