@@ -100,8 +100,8 @@ GripperClient::Outcome GripperClient::call(const Request& request, std::chrono::
   const std::size_t size = write_request(call.id, request, bytes);
   lock.unlock();
   try {
-    const std::unique_lock sending(sending_, Clock::now() + times_.connect);
-    if (sending) peer_.send(tcp_, std::span(bytes).first(size), Clock::now() + times_.connect);
+    const std::lock_guard sending(sending_);
+    peer_.send(tcp_, std::span(bytes).first(size), Clock::now() + times_.connect);
   } catch (const ConnectError& error) {
     lose(error.what());
   }

@@ -73,7 +73,7 @@ class GripperClient {
   const GripperTimes times_;
   Socket tcp_, udp_, wake_;
 
-  std::timed_mutex sending_;  // whole requests; never waited for with mutex_ locked
+  std::mutex sending_;  // a whole request, which takes bounded time; never waited for with mutex_ locked
   mutable std::mutex mutex_;
   std::condition_variable answered_;
   std::uint32_t next_id_ = 1;  // 0 was Connect

@@ -309,8 +309,16 @@ TEST_F(TransportTest, ASilentClientLosesTheLease) {
 
 // --- what takes long ---
 
-TEST_F(TransportTest, AStopDoesNotWaitForWhatIsBuilt) {
+// The gate is there before the server's threads are.
+struct Gated {
   Gate gate;
+};
+class GatedTransportTest : public Gated, public TransportTest {
+ protected:
+  void TearDown() override { gate.open(); }
+};
+
+TEST_F(GatedTransportTest, AStopDoesNotWaitForWhatIsBuilt) {
   auto a = client(), b = client(), c = client();
   proto::StayJoint stay;
   stay.set_duration(1);
@@ -339,8 +347,7 @@ TEST_F(TransportTest, AStopDoesNotWaitForWhatIsBuilt) {
   EXPECT_GT(a.start(skill_).skill_started().skill_id(), stopped) << "one that is asked for after it runs";
 }
 
-TEST_F(TransportTest, OneRequestOfAClientIsBuiltAtATime) {
-  Gate gate;
+TEST_F(GatedTransportTest, OneRequestOfAClientIsBuiltAtATime) {
   auto a = client(), b = client();
   proto::Request request;
   proto::StayJoint stay;
@@ -363,8 +370,7 @@ TEST_F(TransportTest, OneRequestOfAClientIsBuiltAtATime) {
   EXPECT_EQ(reply.error().code(), proto::Error::BUSY) << "meanwhile the other one commands";
 }
 
-TEST_F(TransportTest, WhatIsBuiltForARobotThatIsGoneIsRefused) {
-  Gate gate;
+TEST_F(GatedTransportTest, WhatIsBuiltForARobotThatIsGoneIsRefused) {
   auto a = client();
   proto::Request request;
   proto::StayJoint stay;
