@@ -3,7 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
-#include "sim/joint_figures.hpp"
+#include "models/joint_figures.hpp"
 #include "sim/rotation.hpp"
 
 namespace sim {
@@ -29,7 +29,7 @@ InternalController::Vector7 InternalController::joint_impedance(
     const ArmModel& model, const Vector7& q, const Vector7& dq,
     const MotionGenerator::Desired& desired) {
   Matrix7 mass = model.mass();
-  mass.diagonal() += Eigen::Map<const Vector7>(kMotorInertia.data());
+  mass.diagonal() += Eigen::Map<const Vector7>(models::kMotorInertia.data());
   if (joint_damping_age_++ % kRefresh == 0) {
     joint_damping_ = damping(mass, Matrix7(K_theta.asDiagonal()));
   }
@@ -55,7 +55,7 @@ InternalController::Vector7 InternalController::cartesian_impedance(
   K.bottomRightCorner<3, 3>() = R * K_x.tail<3>().asDiagonal() * R.transpose();
 
   Matrix7 mass = model.mass();
-  mass.diagonal() += Eigen::Map<const Vector7>(kMotorInertia.data());
+  mass.diagonal() += Eigen::Map<const Vector7>(models::kMotorInertia.data());
   const Eigen::Matrix<double, 7, 6> M_inv_Jt = mass.llt().solve(J.transpose());
   Matrix6 mobility = J * M_inv_Jt;
   mobility.diagonal().array() += 1e-6;  // bounded next to singularities

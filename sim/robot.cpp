@@ -214,8 +214,13 @@ void Robot::advance_phase(const fci::RobotCommand* command) {
       break;
     case Phase::kReflex: brake(); break;
     case Phase::kRecovering:
-      brake();
-      if (--recovery_ <= 0 && desired_.dq.isZero(0)) {
+      if (!desired_.dq.isZero(0)) {
+        brake();
+        break;
+      }
+      // No longer pressed against what it has run into.
+      if (recovery_ == kRecoveryCycles) rest_at(sensors_.q);
+      if (--recovery_ <= 0) {
         phase_ = Phase::kIdle;
         clear_errors();
       }

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <stdexcept>
 
-#include "sim/joint_figures.hpp"
+#include "models/joint_figures.hpp"
 #include "wire/fci/layout.hpp"
 
 namespace sim {
@@ -163,7 +163,7 @@ SpecPtr arm_spec(const models::Arm& arm, bool with_hand, std::size_t index, std:
       set_rotation(body->quat, arm.joints[i - 1].rpy);
       set_inertia(body, arm.links[i]);
       add_joint(body, mjJNT_HINGE, "joint" + std::to_string(i), {0, 0, 1}, limits.q_min[i - 1] - kStopMargin,
-                limits.q_max[i - 1] + kStopMargin, kMotorInertia[i - 1]);
+                limits.q_max[i - 1] + kStopMargin, models::kMotorInertia[i - 1]);
     }
     for (const models::Capsule& capsule : models::capsules()) {
       if (capsule.link != i) continue;

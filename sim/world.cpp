@@ -5,7 +5,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "sim/joint_figures.hpp"
+#include "models/joint_figures.hpp"
 #include "sim/joint_friction.hpp"
 
 namespace sim {
@@ -167,9 +167,9 @@ World::World(const Options& options) : impl_(std::make_unique<Impl>()) {
     for (int i = 0; i < 7; ++i) {
       w.data->qpos[limb.q_at[i]] = options.q[i];
       if (options.ideal) continue;
-      limb.friction[i].sticking = kStickingShare * kFrictionHeight[i];
-      limb.friction[i].rising = kFrictionHeight[i] / 2 - limb.friction[i].sticking;
-      limb.friction[i].rise = kFrictionRise[i];
+      limb.friction[i].sticking = models::kStickingShare * models::kFrictionHeight[i];
+      limb.friction[i].rising = models::kFrictionHeight[i] / 2 - limb.friction[i].sticking;
+      limb.friction[i].rise = models::kFrictionRise[i];
     }
     if (!w.hand) continue;
     for (int at : limb.finger_q_at) w.data->qpos[at] = kFingerStart;
@@ -358,7 +358,7 @@ void World::move(std::span<const Drive> drives) {
     truth.tau_motor = drives[n].tau_motor;
     for (int i = 0; i < 7; ++i) {
       truth.ddq[i] = (truth.dq[i] - dq_before[i]) / kCycle;
-      truth.tau_J[i] = truth.tau_motor[i] - limb.friction_sum[i] / w.substeps - kMotorInertia[i] * truth.ddq[i];
+      truth.tau_J[i] = truth.tau_motor[i] - limb.friction_sum[i] / w.substeps - models::kMotorInertia[i] * truth.ddq[i];
     }
     limb.push.time += kCycle;
     limb.pull.time += kCycle;

@@ -45,6 +45,7 @@ struct Record {
 // What came of a request for recovery.
 struct RecoveryResult {
   bool recovered = false;  // or there was nothing to recover from
+  bool accepted = false;   // the robot took it; if not recovered, it was not idle in time
   fci::Status status = fci::Status::kSuccess;            // the robot's answer; kFailed: it gave none in time
   fci::RobotMode robot_mode = fci::RobotMode::kOther;    // afterwards
 };

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "realtime/cholesky.hpp"
 #include "realtime/joint_range.hpp"
 
 namespace realtime {
@@ -15,7 +14,6 @@ constexpr double kApproach = 20;       // 1/s, at which a joint may come near to
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is looked at
 constexpr double kEndMargin = 0.02;    // rad before the end of the range where pushing back begins at the latest
 constexpr double kFullPush = 0.03;     // rad, over which pushing back rises to the greatest torque
-constexpr double kMotorInertia = 0.1;  // kg m², about what the mass matrix leaves out of each joint
 constexpr double kReturnSpeed = 0.2;   // rad/s of a joint that comes back to its reference from farther away than the next
 constexpr double kReturnFrom = 0.05;   // rad
 constexpr double kReturnShare = 1.2;   // of the reference's own speed, and more
@@ -31,7 +29,7 @@ JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {
   }
 }
 
-bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c,
+bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c,
                        const Lead& lead, Vector7& tau_J_d) const noexcept {
   // Along the way that each joint moves: its greatest speed here, and the acceleration that keeps to it.
   Vector7 sign, most;
@@ -58,9 +56,6 @@ bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& M, co
   }
   if (!near) return needed;
 
-  Matrix7 B = M;
-  B.diagonal().array() += kMotorInertia;
-  const Matrix7 mobility = Cholesky<models::kJoints>(B).inverse();
   Vector7 ddq = mobility * (tau_J_d - c);
   Vector7 added = Vector7::Zero();
   for (int pass = 0; pass < kPasses; ++pass) {

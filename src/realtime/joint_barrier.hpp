@@ -22,8 +22,8 @@ class JointBarrier {
     double away = 0;
   };
 
-  // Adds to tau_J_d, N m; M is the mass matrix at q, c the Coriolis torque (N m). True if it had to.
-  bool add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, const Lead& lead,
+  // Adds to tau_J_d, N m; `mobility` is joint_mobility() at q, c the Coriolis torque (N m). True if it had to.
+  bool add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, const Lead& lead,
            Vector7& tau_J_d) const noexcept;
 
  private:

@@ -33,6 +33,7 @@ constexpr double kAlongDriftShare = 0.35;
 // Nearer to a singularity than this (determinant of the Jacobian, 0.037 at home) the joints of a robot no longer go along as
 // foreseen, as it has to damp them: a pose is stopped before, and goes only away from it.
 constexpr double kLeastDeterminant = 1e-3;
+constexpr double kLeastPace = 1e-5;   // s to rest of a motion so slow that how it changes the map is rounding
 constexpr double kLeastAhead = 0.02;  // s, over which the change of the map is looked at, at least
 constexpr double kAlongMargin = 0.02;  // rad to the end of a joint's range
 constexpr double kAlongDelay = 0.03;  // s until a stop decelerates as planned: its jerk is limited
@@ -462,8 +463,13 @@ struct Limiter::Impl : Motion {
   // What the joints accelerate with at this twist if it stays as it is, rad/s². The change of the map is that of the present
   // motion, and goes with its speed.
   Vector7 drift(const Vector6& P) const noexcept {
+    return faster(P) * (along_change * P);
+  }
+
+  // How many times as fast as the present motion a twist is; none where that tells nothing of how the map changes.
+  double faster(const Vector6& P) const noexcept {
     const double now = pace(twist(translation.velocity, rotation.velocity));
-    return now > 0 ? Vector7(pace(P) / now * (along_change * P)) : Vector7(Vector7::Zero());
+    return now > kLeastPace ? pace(P) / now : 0;
   }
 
   // Of a twist: s to rest with all the acceleration that the limits of the pose itself allow.
@@ -524,8 +530,7 @@ struct Limiter::Impl : Motion {
     const Vector6 P = twist(linear.velocity, angular.velocity);
     if (drift_excess(P) > 1) return false;
     const double time = stop_time(linear.velocity, angular.velocity);
-    const double now = pace(twist(translation.velocity, rotation.velocity));
-    const double nearing = now > 0 ? along_nearing * pace(P) / now : 0;
+    const double nearing = along_nearing * faster(P);
     if (nearing > 0 && along_determinant - nearing * (time / 2 + kAlongDelay) < kLeastDeterminant) return false;
     constexpr int kSamples = 4;
     for (int i = 0; i < kJoints; ++i) {

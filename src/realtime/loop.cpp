@@ -802,7 +802,7 @@ void Loop::recover() noexcept {
 void Loop::answer_recovery(bool recovered, fci::Status status) noexcept {
   if (phase_ == Phase::kRecovering) phase_ = recovered ? Phase::kIdle : Phase::kError;
   recovery_id_.reset();
-  door_.recoveries.push({recovered, status, state_.robot_mode});
+  door_.recoveries.push({recovered, recovery_accepted_, status, state_.robot_mode});
 }
 
 void Loop::update_tool() noexcept {

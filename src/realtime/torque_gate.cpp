@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "realtime/cholesky.hpp"
+#include "realtime/felt_inertia.hpp"
 
 namespace realtime {
 namespace {
@@ -13,18 +13,15 @@ constexpr double kFloatRounding = 1e-5;  // of a state in protocol version 10
 
 constexpr double kHeldFrom = 0.05, kHeldAt = 0.1;  // rad away, between which the bound comes in
 constexpr double kLetGo = 0.15;                    // rad/s to which the torque may bring a joint that is let go
-constexpr double kMotorInertia = 0.1;              // kg m², about what the mass matrix leaves out of each joint
 
 }  // namespace
 
 // Share of the torque that is left, so that an arm which is held is not pulled too hard.
-double TorqueGate::hold_back(const Cycle& cycle, const Vector7& tau, double away) const noexcept {
+double TorqueGate::hold_back(const Matrix7& mobility, const Vector7& pull, double away) const noexcept {
   if (away < kHeldFrom) return 1;
-  Matrix7 B = cycle.model.mass();
-  B.diagonal().array() += kMotorInertia;
-  const Vector7 inertia = Cholesky<models::kJoints>(B).inverse().diagonal().cwiseInverse();
+  const Vector7 inertia = mobility.diagonal().cwiseInverse();
   const Vector7 bound = (2 * kLetGo * limits_.rate().cwiseProduct(inertia)).cwiseSqrt();
-  const double most = (tau - cycle.model.coriolis()).cwiseAbs().cwiseQuotient(bound).maxCoeff();
+  const double most = pull.cwiseAbs().cwiseQuotient(bound).maxCoeff();
   const double in = std::min((away - kHeldFrom) / (kHeldAt - kHeldFrom), 1.);
   return most > 1 ? 1 - in + in / most : 1;
 }
@@ -33,13 +30,14 @@ bool TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wante
                       Vector7& tau_J_d) noexcept {
   const Vector7 sent = tau_J_d;
   Vector7 tau;
-  const double share = wanted.allFinite() ? hold_back(cycle, wanted, away) : 1;
+  const Matrix7 mobility = joint_mobility(cycle.model.mass());
   const Vector7& c = cycle.model.coriolis();
+  const double share = wanted.allFinite() ? hold_back(mobility, wanted - c, away) : 1;
   const bool held_back = share < 1;
   bool held = limits_.scale(held_back ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau) || held_back;
-  walled_ = walls.active() && walls.add(cycle.q, cycle.dq, cycle.model.mass(), cycle.model.coriolis(), tau);
+  walled_ = walls.active() && walls.add(cycle.q, cycle.dq, mobility, c, tau);
   held |= walled_;
-  held |= barrier_.add(cycle.q, cycle.dq, cycle.model.mass(), cycle.model.coriolis(), {cycle.dq_ref, away}, tau);
+  held |= barrier_.add(cycle.q, cycle.dq, mobility, c, {cycle.dq_ref, away}, tau);
   // The robot compares with the command before, however long ago that was; or, where one was lost, with the last that came.
   held |= limits_.limit(tau, sent, kTick, tau_J_d);
   const Vector7 came = Vector7::Map(cycle.state.tau_J_d.data());

@@ -27,7 +27,7 @@ class TorqueGate {
   bool walled() const noexcept { return walled_; }
 
  private:
-  double hold_back(const Cycle& cycle, const Vector7& tau, double away) const noexcept;
+  double hold_back(const Matrix7& mobility, const Vector7& pull, double away) const noexcept;
 
   TorqueLimiter limits_;
   JointBarrier barrier_;

@@ -17,6 +17,7 @@
 #include "server/reachability.hpp"
 #include "server/refused.hpp"
 #include "server/registry.hpp"
+#include "server/self_collision.hpp"
 #include "server/wall_store.hpp"
 
 namespace server {
@@ -270,13 +271,20 @@ void SkillBuilder::check_joint_path(realtime::TrajectoryGenerator& trajectory, c
                          kind, i + 1, q, place(sample), limits_.q_min[i], limits_.q_max[i]));
     }
   }
-  if (!walled()) return;
+  if (!(duration > 0 && std::isfinite(duration))) return;
   std::vector<Vector7> way;
   for (int sample = 0; sample <= kWallSamples; ++sample) {
     trajectory.step(duration * sample / kWallSamples, reference);
     way.push_back(reference.joint.q);
   }
   way.push_back(trajectory.goal().joint.q);
+  check_bodies(way, kind);
+}
+
+// The arm's own, and walls.
+void SkillBuilder::check_bodies(std::span<const Vector7> way, const std::string& kind) const {
+  if (!walls_) return;
+  check_self_collision(walls_->arm, way, kind);
   check_walls(*walls_, *wall_names_, way, kind);
 }
 
@@ -311,7 +319,7 @@ void SkillBuilder::check_cartesian_path(realtime::TrajectoryGenerator& trajector
     way.push_back(joints.joints().q);
     check_joints_of_pose(way.back(), reference, kind, 100. * sample / kWallSamples);
   }
-  if (walled()) check_walls(*walls_, *wall_names_, way, kind);
+  check_bodies(way, kind);
 }
 
 // Joints with which the arm would come to a pose on its path, `percent` of the way on.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <string>
 
 #include "frankapy/proto/skill.pb.h"
@@ -25,7 +26,8 @@ class SkillBuilder {
   std::unique_ptr<realtime::Skill> build(const frankapy::proto::Skill& message, const realtime::Record& now,
                                          const realtime::Reference* after = nullptr, bool path = true);
 
-  // From now on no way may lead through these walls, whose names `names` knows: it must outlive this.
+  // From now on no way may lead through these walls, whose names `names` knows: it must outlive this; nor the arm, whose body they
+  // have, into itself.
   void keep_from(std::unique_ptr<const realtime::Walls> walls, const WallStore& names);
 
  private:
@@ -42,7 +44,7 @@ class SkillBuilder {
   void check_joints_of_pose(const realtime::Vector7& q, const realtime::Reference& pose, const std::string& kind,
                             double percent) const;
 
-  bool walled() const { return walls_ && !walls_->walls.empty(); }
+  void check_bodies(std::span<const realtime::Vector7> way, const std::string& kind) const;
 
   std::unique_ptr<const realtime::Walls> walls_;
   const WallStore* wall_names_ = nullptr;

@@ -103,6 +103,10 @@ std::string explain(const realtime::RecoveryResult& result) {
     case fci::RobotMode::kGuiding: return "the arm is being guided by hand: let go of the guiding button, then recover";
     default: break;
   }
+  if (result.accepted) {
+    return "the robot took AutomaticErrorRecovery but is not ready to move: what has stopped it may be there still. Look whether "
+           "the arm presses against something";
+  }
   if (result.status == fci::Status::kFailed) return "the robot gave no answer to AutomaticErrorRecovery in time: try again";
   return fmt::format("the robot refused AutomaticErrorRecovery: {}. Look at its lights and its Desk page",
                      fci::name(result.status));

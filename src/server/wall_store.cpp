@@ -67,13 +67,13 @@ bool hold(realtime::ArmCapsules& arm, const Shape& shape) {
   return arm.hold(shape.O_T_S * Vector3(-way), shape.O_T_S * way, radius);
 }
 
-std::string name_of_link(int link) {
-  return link == realtime::ArmCapsules::kFlange ? "the hand or what it holds" : fmt::format("link {}", link);
-}
-
 [[noreturn]] void refuse(const std::string& text) { throw Refused(proto::Error::INVALID_ARGUMENT, text); }
 
 }  // namespace
+
+std::string name_of_link(int link) {
+  return link == realtime::ArmCapsules::kFlange ? "the hand or what it holds" : fmt::format("link {}", link);
+}
 
 WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd) : fd_(fd) {
   for (proto::Wall wall : fixed) {

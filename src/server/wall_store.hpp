@@ -45,6 +45,9 @@ class WallStore {
   std::uint32_t last_id_ = 0;
 };
 
+// A link of the arm (ArmCapsules), for people.
+std::string name_of_link(int link);
+
 // Checks the way of a motion, postures (rad) in order of which the first is where the arm is: none may bring it nearer to a wall
 // than the loop lets it come, or nearer than it is. Throws Refused that says what would touch which wall, and where.
 // `what`: the kind of the motion.

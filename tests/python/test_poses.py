@@ -82,6 +82,17 @@ def test_the_next_motion_begins_where_a_fast_one_ended(fa, arm, robot):
     np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.01)
 
 
+def test_the_next_motion_goes_after_the_arm_has_run_into_the_floor(fa, arm, robot):
+    """A goal below the floor, hard and fast: the robot stops, recovers, and takes a pose from where it is."""
+    gains = {"use_impedance": True, "k_gains": [3000] * 7, "d_gains": [10] * 7, "ignore_virtual_walls": True}
+    fa.goto_joints([2.28, -1.66, 2.7, -1.67, 1.75, 2.47, 1.9], 1, **gains)
+    assert fa.last_skill_result.ending == proto.ROBOT_ERROR
+    fa.wait_for_franka_interface()
+    goal = fa.get_pose()
+    goal.translation = goal.translation + [0, 0, 0.05]
+    assert drive(fa, arm, robot, lambda: fa.goto_pose(goal, 1, ignore_virtual_walls=True))
+
+
 def random_goals(robot: str, count: int) -> None:
     """Drive to so many goals, each from where the last one ended."""
     random = np.random.default_rng(1)

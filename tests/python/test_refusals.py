@@ -118,6 +118,13 @@ def test_it_is_refused_by_name_and_nothing_moves(fa, name):
     np.testing.assert_allclose(fa.get_joints(), before, atol=1e-4)
 
 
+def test_a_way_on_which_the_arm_would_meet_itself_is_refused(fa):
+    folded = [0, -1.7, 0, -3.0, 0, 0.6, 0.785]
+    with pytest.raises(FrankaArmArgumentError, match=r"come within \d+ mm of link \d of the arm itself at"):
+        fa.goto_joints(folded, 5, ignore_virtual_walls=True)
+    assert fa.is_skill_done()
+
+
 def test_walls_are_not_asked_where_they_are_ignored(fa):
     joints = HOME + [1.2, 0.9, 0, 0.9, 0, 0, 0]
     with pytest.raises(ValueError, match="y = .* virtual walls"):
@@ -139,8 +146,11 @@ def test_joints_that_are_reachable_are_those_that_the_server_takes(fa, joint, en
     ):
         with pytest.raises(FrankaArmArgumentError, match=rf"(joints|q)\[{joint}\] is"):
             refused()
-    fa.goto_joints(inside, 60, block=False, ignore_virtual_walls=True)
-    fa.stop_skill()
+    try:
+        fa.goto_joints(inside, 60, block=False, ignore_virtual_walls=True)
+        fa.stop_skill()
+    except FrankaArmArgumentError as refused:  # from here it is reached past the arm itself
+        assert "of the arm itself" in str(refused)
 
 
 def test_walls_are_those_of_the_constants(fa, monkeypatch):

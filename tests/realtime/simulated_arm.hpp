@@ -5,11 +5,12 @@
 
 #include "models/arm.hpp"
 #include "realtime/cholesky.hpp"
+#include "realtime/controllers/joint_friction.hpp"
 #include "realtime/cycle.hpp"
 
 namespace testing_tools {
 
-// An arm without friction whose gravity is compensated: M ddq + coriolis = tau. A torque takes effect one
+// An arm, without friction unless it rubs, whose gravity is compensated: M ddq + coriolis = tau. A torque takes effect one
 // cycle after its state, and stays for a cycle.
 class SimulatedArm {
  public:
@@ -19,7 +20,7 @@ class SimulatedArm {
   explicit SimulatedArm(const std::string& name, const realtime::Vector7& motor_inertia = realtime::Vector7::Zero())
       : plant_(models::urdf(models::arm(name), 10)),
         model(models::urdf(models::arm(name), 10)),
-        cycle{state, model, 0, kDt, {}, {}, {}, {}, {}},
+        cycle{.state = state, .model = model},
         motor_inertia_(motor_inertia) {
     set_tool(0.73, realtime::Vector3(-0.01, 0, 0.03));
     q = realtime::Vector7::Map(models::kHome.data());
@@ -51,7 +52,8 @@ class SimulatedArm {
       plant_.update(q, dq);
       realtime::Matrix7 M = plant_.mass();
       M.diagonal() += motor_inertia_;
-      const realtime::Vector7 ddq = realtime::Cholesky<7>(M).solve<1>(tau + external - plant_.coriolis());
+      const realtime::Vector7 rubbed = rubs ? realtime::against_friction(dq) : realtime::Vector7::Zero();
+      const realtime::Vector7 ddq = realtime::Cholesky<7>(M).solve<1>(tau + external - rubbed - plant_.coriolis());
       dq += kDt / kSubsteps * ddq;
       q += kDt / kSubsteps * dq;
     }
@@ -68,6 +70,7 @@ class SimulatedArm {
   realtime::Model model;
   realtime::Cycle cycle;
   realtime::Vector7 q, dq = realtime::Vector7::Zero(), tau = realtime::Vector7::Zero();
+  bool rubs = false;
 
  private:
   realtime::Vector7 motor_inertia_;

@@ -11,14 +11,18 @@
 #include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/controllers/free_drive.hpp"
 #include "realtime/controllers/internal_impedance.hpp"
+#include "realtime/controllers/joint_friction.hpp"
 #include "realtime/controllers/joint_impedance.hpp"
+#include "realtime/felt_inertia.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/symmetric_eigen.hpp"
 #include "simulated_arm.hpp"
 
 namespace {
 
+using realtime::against_friction;
 using realtime::CartesianImpedance;
+using realtime::felt_inertia;
 using realtime::FreeDrive;
 using realtime::Cholesky;
 using realtime::InternalImpedance;
@@ -36,7 +40,7 @@ using testing_tools::SimulatedArm;
 const Vector7 kStiffness = (Vector7() << 600, 600, 600, 600, 250, 150, 50).finished();
 const Vector7 kDamping = (Vector7() << 50, 50, 50, 50, 30, 25, 15).finished();
 // Of the size of real ones; kg m².
-const Vector7 kMotors = (Vector7() << 0.1, 0.1, 0.08, 0.08, 0.03, 0.03, 0.03).finished();
+const Vector7 kMotors = Vector7::Map(models::kMotorInertia.data());
 
 CartesianImpedance::Parameters soft() { return {Vector3::Constant(600), Vector3::Constant(50), 1, 10}; }
 CartesianImpedance::Parameters stiff() { return {Vector3::Constant(3000), Vector3::Constant(300), 1, 100}; }
@@ -114,9 +118,22 @@ TEST_P(Controllers, joint_impedance_is_its_formula) {
     for (int i = 0; i < 7; ++i) {
       const double expected = kStiffness[i] * (reference.joint.q[i] - arm.q[i]) +
                               kDamping[i] * (reference.joint.dq[i] - arm.dq[i]) + arm.model.coriolis()[i] +
-                              arm.model.mass().row(i).dot(reference.joint.ddq);
+                              felt_inertia(arm.model.mass()).row(i).dot(reference.joint.ddq) +
+                              against_friction(reference.joint.dq)[i];
       EXPECT_NEAR(tau[i], expected, 1e-10);
     }
+  }
+}
+
+TEST_P(Controllers, friction_is_met_as_it_rises_from_rest_to_its_bound) {
+  EXPECT_EQ(against_friction(Vector7::Zero()), Vector7::Zero());
+  Vector7 last = Vector7::Zero();
+  for (const double dq : {0.001, 0.01, 0.1, 1.0, 2.0}) {
+    const Vector7 tau = against_friction(Vector7::Constant(dq));
+    EXPECT_LT((against_friction(Vector7::Constant(-dq)) + tau).norm(), 1e-12) << "the same both ways";
+    EXPECT_TRUE((tau.array() > last.array()).all());
+    for (int i = 0; i < 7; ++i) EXPECT_LE(tau[i], models::kFrictionHeight[i] / 2);
+    last = tau;
   }
 }
 
@@ -145,8 +162,10 @@ TEST_P(Controllers, joint_impedance_is_stable_at_its_highest_stiffness) {
   EXPECT_LT(with_motors.dq.norm(), 1e-6);
 }
 
-// Without feed-forward the error would be M ddq / K: some 0.01 rad.
+// Without feed-forward the error would be (M ddq + friction) / K: some 0.01 rad.
 TEST_P(Controllers, joint_impedance_tracks_a_motion_by_feed_forward) {
+  SimulatedArm arm(GetParam(), kMotors);
+  arm.rubs = true;
   JointImpedance law({kStiffness, (Vector7() << 20, 20, 20, 20, 1, 1, 0.5).finished()});
   const Vector7 home = arm.q;
   double worst = 0;

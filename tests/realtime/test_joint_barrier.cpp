@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "realtime/cholesky.hpp"
+#include "realtime/felt_inertia.hpp"
 #include "realtime/joint_range.hpp"
 #include "realtime/limiter.hpp"
 #include "tests/realtime/simulated_arm.hpp"
@@ -25,14 +26,14 @@ class Barrier : public testing::TestWithParam<const char*> {
     double beyond = -10, speed = 0;
   };
   Worst pushed(int joint, double share, bool with_barrier, double seconds = 1.5) const {
-    SimulatedArm arm(GetParam(), Vector7::Constant(0.1));
+    SimulatedArm arm(GetParam(), Vector7::Map(models::kMotorInertia.data()));
     TorqueLimiter torque_limiter(limits);
     Worst worst;
     Vector7 last = Vector7::Zero();
     for (int cycle = 0; cycle < 1000 * seconds; ++cycle) {
       Vector7 tau = arm.model.coriolis() - arm.dq;  // as light as a guided arm
       tau[joint] += share * limits.tau_max[joint];
-      if (with_barrier) barrier.add(arm.q, arm.dq, arm.model.mass(), arm.model.coriolis(), {}, tau);
+      if (with_barrier) barrier.add(arm.q, arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), {}, tau);
       torque_limiter.limit(tau, last, SimulatedArm::kDt, last);
       arm.step(last);
       for (int i = 0; i < models::kJoints; ++i) {
@@ -72,27 +73,24 @@ TEST_P(Barrier, TakesWhatLeadsBeyondTheSpeedAndNoMore) {
   arm.dq[4] = 0.8 * limits.dq_max[4];
   arm.model.update(arm.q, arm.dq);
   const double room = 0.05 * limits.dq_max[4];  // of 0.85
-  Matrix7 M = arm.model.mass();
+  const Matrix7 M = felt_inertia(arm.model.mass()), mobility = joint_mobility(arm.model.mass());
   const auto accelerated = [&](double ddq) {
-    Matrix7 B = M;
-    B.diagonal().array() += 0.1;  // motors
     Vector7 wanted = Vector7::Zero();
     wanted[4] = ddq;
-    return Vector7(B * wanted + arm.model.coriolis());
+    return Vector7(M * wanted + arm.model.coriolis());
   };
   Vector7 tau = accelerated(0.9 * 20 * room);
   const Vector7 before = tau;
-  EXPECT_FALSE(barrier.add(arm.q, arm.dq, M, arm.model.coriolis(), {}, tau));
+  EXPECT_FALSE(barrier.add(arm.q, arm.dq, mobility, arm.model.coriolis(), {}, tau));
   EXPECT_LT((tau - before).norm(), 1e-9);
   tau = accelerated(2 * 20 * room);
   const Vector7 hard = tau;
-  EXPECT_TRUE(barrier.add(arm.q, arm.dq, M, arm.model.coriolis(), {}, tau));
+  EXPECT_TRUE(barrier.add(arm.q, arm.dq, mobility, arm.model.coriolis(), {}, tau));
   for (int i = 0; i < models::kJoints; ++i) {
     if (i == 4) continue;
     EXPECT_NEAR(tau[i], hard[i], 1e-6) << "joint " << i + 1;
   }
-  M.diagonal().array() += 0.1;
-  const Vector7 ddq = Cholesky<7>(M).solve<1>(tau - arm.model.coriolis());
+  const Vector7 ddq = mobility * (tau - arm.model.coriolis());
   EXPECT_NEAR(ddq[4], 20 * room, 1e-6);
 }
 
@@ -109,17 +107,17 @@ TEST_P(Barrier, IsNeeded) {
 
 TEST_P(Barrier, LeavesAloneWhatCanStillBeBraked) {
   Vector7 tau = Vector7::Zero();
-  const Matrix7 M = Matrix7::Identity();
+  const Matrix7 mobility = Matrix7::Identity();
   const Vector7 none = Vector7::Zero();
   Vector7 q = Vector7::Map(models::kHome.data());
   const auto half = 0.5 * Vector7::Map(limits.dq_max.data());
-  EXPECT_FALSE(barrier.add(q, half, M, none, {}, tau));
-  EXPECT_FALSE(barrier.add(q, -half, M, none, {}, tau));
+  EXPECT_FALSE(barrier.add(q, half, mobility, none, {}, tau));
+  EXPECT_FALSE(barrier.add(q, -half, mobility, none, {}, tau));
   for (int i = 0; i < models::kJoints; ++i) q[i] = rest_max(limits, i) - 0.021;
-  EXPECT_FALSE(barrier.add(q, Vector7::Zero(), M, none, {}, tau));
-  EXPECT_FALSE(barrier.add(q, -half, M, none, {}, tau)) << "away from the end";
+  EXPECT_FALSE(barrier.add(q, Vector7::Zero(), mobility, none, {}, tau));
+  EXPECT_FALSE(barrier.add(q, -half, mobility, none, {}, tau)) << "away from the end";
   EXPECT_EQ(tau, Vector7::Zero());
-  EXPECT_TRUE(barrier.add(q, half, M, none, {}, tau));
+  EXPECT_TRUE(barrier.add(q, half, mobility, none, {}, tau));
   EXPECT_LT(tau.maxCoeff(), 0);
 }
 

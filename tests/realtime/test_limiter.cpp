@@ -283,6 +283,30 @@ TEST_P(AnyArm, joints_that_follow_a_pose_obey_their_limits_whatever_pose_is_aske
   EXPECT_GT(asked_most, 1) << "nothing forbidden was asked for";
 }
 
+// A reference that rests but for rounding tells nothing of how the joints' map changes along the way.
+TEST_P(AnyArm, a_pose_that_leaves_rest_gently_is_not_held) {
+  realtime::Model model(models::urdf(models::arm(GetParam().arm), GetParam().version));
+  Reference from;
+  from.kind = ReferenceKind::kCartesian;
+  const Vector7 q = Vector7::Map(models::kHome.data());
+  from.cartesian.position = model.O_T_EE(q).translation();
+  from.cartesian.orientation = Eigen::Quaterniond(model.O_T_EE(q).linear());
+  from.cartesian.velocity.setConstant(1e-18);
+  realtime::Limiter limiter(limits);
+  limiter.reset(from);
+  Reference wanted = from, out;
+  for (int k = 1; k < 10; ++k) {
+    const double t = k * kDt, jerk = 1;
+    wanted.cartesian.position.x() = from.cartesian.position.x() + jerk * t * t * t / 6;
+    wanted.cartesian.velocity[0] = jerk * t * t / 2;
+    wanted.cartesian.acceleration[0] = jerk * t;
+    realtime::JointsOfPose ahead = model.joints_of_pose(q);
+    ahead.dq_dP.array() += 1e-8;
+    limiter.joints_follow(model.joints_of_pose(q), ahead);
+    EXPECT_FALSE(limiter.follow(wanted, kDt, out)) << "cycle " << k;
+  }
+}
+
 TEST_P(AnyArm, a_reference_that_obeys_is_passed_on_unchanged) {
   for (int trial = 0; trial < 20; ++trial) {
     Reference wanted;

@@ -9,6 +9,7 @@
 #include "allocation_counter.hpp"
 #include "mock_driver.hpp"
 #include "realtime/controllers/joint_impedance.hpp"
+#include "realtime/felt_inertia.hpp"
 #include "realtime/loop.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/walls/wall_guard.hpp"
@@ -331,7 +332,7 @@ TEST_P(PushedBack, an_arm_without_a_spring_of_its_own_stops_before_a_wall_and_is
     Vector6 push = Vector6::Zero();
     push[0] = 30;  // N, towards the wall
     Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
-    guard.add(arm.q, arm.dq, arm.model.mass(), arm.model.coriolis(), tau);
+    guard.add(arm.q, arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
     const Vector7 external = arm.model.jacobian().transpose() * push;
     fastest = std::max(fastest, (arm.model.jacobian() * arm.dq)[0]);
     arm.step(tau, external);

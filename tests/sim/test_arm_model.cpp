@@ -5,7 +5,7 @@
 #include <Eigen/Cholesky>
 #include <random>
 
-#include "sim/joint_figures.hpp"
+#include "models/joint_figures.hpp"
 #include "tests/sim/arm_rig.hpp"
 
 namespace sim {
@@ -91,7 +91,7 @@ TEST_P(ArmModelOf, AcceleratesAsThePhysicsDoes) {
       const Joints tau = any(i < 20 ? 8 : 3);
       model.update(joints(world.truth().q), joints(world.truth().dq));
       ArmModel::Matrix77 M = model.mass();
-      M.diagonal() += joints(kMotorInertia);
+      M.diagonal() += joints(models::kMotorInertia);
       const Joints ddq = M.llt().solve(tau - model.coriolis());
       world.step(array(tau + model.gravity()), {});
       ASSERT_LT((joints(world.truth().ddq) - ddq).norm(), 1e-7 * (1 + ddq.norm())) << "cycle " << i;

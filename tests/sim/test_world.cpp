@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <random>
 
-#include "sim/joint_figures.hpp"
+#include "models/joint_figures.hpp"
 #include "tests/sim/arm_rig.hpp"
 #include "tests/sim/scene_file.hpp"
 
@@ -68,7 +68,7 @@ TEST_P(WorldOf, KeepsItsEnergy) {
   const auto kinetic = [&] {
     const Joints dq = joints(world.truth().dq);
     model.update(joints(world.truth().q), dq);
-    return 0.5 * dq.dot(model.mass() * dq) + 0.5 * dq.cwiseAbs2().dot(joints(kMotorInertia));
+    return 0.5 * dq.dot(model.mass() * dq) + 0.5 * dq.cwiseAbs2().dot(joints(models::kMotorInertia));
   };
   model.update(joints(options.q), Joints::Zero());
   const Joints tau = model.gravity() + (Joints() << 3, -2, 2, 1.5, 0.5, 0.4, 0.3).finished();
@@ -143,7 +143,7 @@ TEST(World, FrictionHoldsWhatIsLessThanIt) {
     ArmRig rig(options);
     for (int i = 0; i < 1000; ++i) {
       rig.model.update(rig.q(), rig.dq());
-      rig.world.step(array(rig.model.gravity() + 0.5 * kStickingShare * joints(kFrictionHeight)), {});
+      rig.world.step(array(rig.model.gravity() + 0.5 * models::kStickingShare * joints(models::kFrictionHeight)), {});
     }
     const double moved = (rig.q() - joints(options.q)).cwiseAbs().maxCoeff();
     if (is_ideal) {

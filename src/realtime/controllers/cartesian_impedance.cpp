@@ -5,6 +5,7 @@
 
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
+#include "realtime/controllers/joint_friction.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/symmetric_eigen.hpp"
 
@@ -142,6 +143,12 @@ Vector6 CartesianImpedance::other_force(const Cycle& cycle, const Dynamics& arm,
   return damping_force(arm, reference.velocity - arm.v) + arm.Lambda(reference.acceleration - cycle.model.dJ_dq());
 }
 
+// What the joints need for the reference's motion beside what the links do.
+Vector7 CartesianImpedance::ahead(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference) const noexcept {
+  const Vector7 ddq = arm.M_inv_Jt * arm.Lambda(reference.acceleration);
+  return Vector7::Map(models::kMotorInertia.data()).cwiseProduct(ddq) + against_friction(cycle.dq_ref);
+}
+
 CartesianImpedance::CartesianImpedance(const Parameters& parameters)
     : stiffness_(stiffness(parameters), parameters.topic, "CartesianImpedanceSensorMessage", kFirst, check),
       frame_(parameters.frame),
@@ -160,7 +167,7 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
   CartesianReference& pose = reference.cartesian;
 
   // The torque before falls into a force at EE and a torque on the null space, as the law's own does.
-  const Vector7 tau = cycle.tau_J_d - cycle.model.coriolis();
+  const Vector7 tau = cycle.tau_J_d - cycle.model.coriolis() - ahead(cycle, arm, reference.cartesian);
   const Vector6 force = arm.Lambda(arm.M_inv_Jt.transpose() * tau);
   const Vector6 spring = force - other_force(cycle, arm, pose);
   const Vector6 e = to_reference(cycle, pose);
@@ -194,7 +201,7 @@ void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Ve
   const double pull = nullspace_stiffness_ * arm.n.dot(cycle.q_ref + posture_shift_ - cycle.q) -
                       nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
   tau_J_d.noalias() = cycle.model.jacobian().transpose() * force;
-  tau_J_d += cycle.model.coriolis() + pull / arm.n_M_n * arm.M_n;
+  tau_J_d += cycle.model.coriolis() + ahead(cycle, arm, pose) + pull / arm.n_M_n * arm.M_n;
 }
 
 }  // namespace realtime

@@ -13,7 +13,7 @@ namespace realtime {
 // damping and null space Albu-Schäffer, Ott, Frese, Hirzinger, Cartesian impedance control of redundant
 // robots, ICRA 2003):
 //
-//   tau_J_d = J^T (K e + D (v_ref - v) + Lambda (a_ref - dJ dq)) + coriolis + tau_null
+//   tau_J_d = J^T (K e + D (v_ref - v) + Lambda (a_ref - dJ dq)) + coriolis + B ddq_ref + friction(dq_ref) + tau_null
 //
 // e is the way to the reference: position along the axes of O, and the rotation vector in O of the shortest
 // rotation to it, right up to 180°. Lambda = (J M^-1 J^T)^-1. D is designed with it, so that each mode of
@@ -21,8 +21,9 @@ namespace realtime {
 // the motion of the elbow that leaves EE at rest to the joints that the reference means (Cycle::q_ref), critically damped, and
 // does not accelerate EE; at the start to where the torque goes on as it was, and from there to these. So the elbow does not
 // creep over a sequence of skills. The modes change slowly and are found anew every few cycles. Lambda counts the links
-// alone: the inertia of the motors makes the arm less damped than asked. A topic sets the stiffness anew while it runs
-// (CartesianImpedanceSensorMessage).
+// alone, as damping has to be safe with whatever the motors add: their inertia B makes the arm less damped than asked. It is met
+// ahead with the reference's acceleration, and friction with its velocity (Cycle::dq_ref): who pushes the arm feels none of it. A
+// topic sets the stiffness anew while it runs (CartesianImpedanceSensorMessage).
 class CartesianImpedance : public Controller {
  public:
   enum class Frame { kBase, kEndEffector };
@@ -59,6 +60,8 @@ class CartesianImpedance : public Controller {
   void find_modes(const Cycle& cycle, const Dynamics& arm) noexcept;
   Vector6 damping_force(const Dynamics& arm, const Vector6& velocity_error) const noexcept;
   Vector6 other_force(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference) const noexcept;
+
+  Vector7 ahead(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference) const noexcept;
 
   GainStream<6> stiffness_;
   Frame frame_;

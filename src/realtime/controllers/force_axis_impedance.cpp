@@ -34,6 +34,7 @@ ForceAxisImpedance::ForceAxisImpedance(const Parameters& parameters)
 Cycle ForceAxisImpedance::at_posture(const Cycle& cycle) const noexcept {
   Cycle held = cycle;
   held.q_ref = posture_;
+  held.dq_ref.setZero();
   return held;
 }
 

@@ -6,7 +6,9 @@
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
-#include "realtime/controllers/joint_inertia.hpp"
+#include "realtime/controllers/joint_friction.hpp"
+#include "realtime/controllers/require_holdable.hpp"
+#include "realtime/felt_inertia.hpp"
 #include "realtime/symmetric_eigen.hpp"
 
 namespace realtime {
@@ -37,7 +39,7 @@ JointImpedance::JointImpedance(const Parameters& parameters, const Matrix7& mass
   const double s = parameters.inertia_scale;
   if (parameters.damping_ratio) {
     // Modes have their damping by themselves; what is left to ask is whether any does for this stiffness.
-    const Vector7 m = Cholesky<models::kJoints>(felt_inertia(mass)).inverse().diagonal().cwiseInverse();
+    const Vector7 m = joint_mobility(mass).diagonal().cwiseInverse();
     require_holdable(parameters.stiffness / s, 500 * m, felt_inertia(mass));
   } else {
     require_holdable(parameters.stiffness / s, parameters.damping / s, felt_inertia(mass));
@@ -89,8 +91,8 @@ void JointImpedance::torque(const Cycle& cycle, const JointReference& r, Vector7
     tau_J_d /= p.inertia_scale;
     if (tau_ext.allFinite()) tau_J_d -= (1 / p.inertia_scale - 1) * tau_ext;
   }
-  tau_J_d.noalias() += cycle.model.mass() * r.ddq;
-  tau_J_d += cycle.model.coriolis();
+  tau_J_d.noalias() += felt_inertia(cycle.model.mass()) * r.ddq;
+  tau_J_d += cycle.model.coriolis() + against_friction(r.dq);
 }
 
 }  // namespace realtime

@@ -6,8 +6,7 @@
 
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
-#include "realtime/cholesky.hpp"
-#include "realtime/controllers/joint_inertia.hpp"
+#include "realtime/felt_inertia.hpp"
 
 namespace realtime {
 namespace {
@@ -51,7 +50,7 @@ Lqr::Lqr(const Parameters& parameters, const Matrix7& mass) {
     require_within("velocity_weight", i, parameters.velocity_weight[i], 0, 1e6, "s^2/rad^2");
     require_within("torque_weight", i, parameters.torque_weight[i], 1e-3, 1e6, "1/(N m)^2");
   }
-  const Matrix7 mobility = Cholesky<n>(felt_inertia(mass)).inverse();
+  const Matrix7 mobility = joint_mobility(mass);
   MatrixXd A = MatrixXd::Identity(2 * n, 2 * n), B(2 * n, n), Q = MatrixXd::Zero(2 * n, 2 * n);
   A.topRightCorner<n, n>().diagonal().setConstant(kTick);
   B << kTick * kTick / 2 * mobility, kTick * mobility;

@@ -4,7 +4,8 @@
 
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
-#include "realtime/controllers/joint_inertia.hpp"
+#include "realtime/controllers/require_holdable.hpp"
+#include "realtime/felt_inertia.hpp"
 
 namespace realtime {
 namespace {

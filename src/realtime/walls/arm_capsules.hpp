@@ -16,12 +16,13 @@ class ArmCapsules {
   static constexpr int kFlange = 8;  // the number of the flange as a link; the hand is on it
 
   struct Capsule {
-    int link;      // 2 to 7, or kFlange
+    int link;      // 0 to 7, or kFlange
     Vector3 a, b;  // the ends of its axis in the link's frame, m
     double radius;
   };
 
-  // Where they are in O. The base does not move, nor does link 1, which turns about the axis of its capsule: both are left out.
+  // Where they are in O. The base does not move, nor does link 1, which turns about the axis of its capsule: both are left out,
+  // and are fixed().
   struct Place {
     std::array<Vector3, kMost> a, b;                     // m
     std::array<Vector3, models::kJoints> origin, axis;  // of the joints
@@ -33,7 +34,11 @@ class ArmCapsules {
   // Fixed to the flange F; false when there are too many.
   bool hold(const Vector3& F_a, const Vector3& F_b, double radius);
 
+  // Those that move; the first own() of them are the arm's and the hand's, and what is held follows.
   const std::vector<Capsule>& all() const noexcept { return capsules_; }
+  std::size_t own() const noexcept { return own_; }
+  // Those of the base and of link 1, in O.
+  const std::vector<Capsule>& fixed() const noexcept { return fixed_; }
 
   void place(const Vector7& q, Place& out) const noexcept;
 
@@ -42,7 +47,8 @@ class ArmCapsules {
 
  private:
   std::array<Eigen::Isometry3d, models::kJoints + 1> frames_;  // of a joint in the one before, at zero; the flange is last
-  std::vector<Capsule> capsules_;
+  std::vector<Capsule> capsules_, fixed_;
+  std::size_t own_ = 0;
 };
 
 }  // namespace realtime

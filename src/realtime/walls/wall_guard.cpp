@@ -23,7 +23,6 @@ constexpr double kHorizon = 0.3;       // m from a wall at which it is looked at
 constexpr double kBrake = 4;           // m/s² that braking counts on: 0.5 m/s in 31 mm
 constexpr double kApproach = 60;       // 1/s, at which a capsule may come near to its greatest speed, and falls back to it
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done
-constexpr double kMotorInertia = 0.1;  // kg m², about what the mass matrix leaves out of each joint
 
 // Of a pose's change: turning by a radian costs as much as this way, in m. What is in the way is passed beside rather than
 // turned away from.
@@ -131,7 +130,7 @@ Vector6 WallGuard::past(const Vector6& change, const Matrix76& dq_dP) const noex
   return past_bounds<6>(change, ease, kLeastPose, all);
 }
 
-bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, Vector7& tau_J_d) noexcept {
+bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept {
   const ArmCapsules& arm = walls_->arm;
   arm.place(q, here_);
   struct Limit {
@@ -170,12 +169,9 @@ bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& M, const
   }
   if (count == 0) return needed;
 
-  Matrix7 B = M;
-  B.diagonal().array() += kMotorInertia;
-  const Cholesky<models::kJoints> factors(B);
-  Vector7 ddq = factors.solve<1>(tau_J_d - c);
+  Vector7 ddq = mobility * (tau_J_d - c);
   for (int k = 0; k < count; ++k) {
-    limits[k].response = factors.solve<1>(limits[k].gradient);
+    limits[k].response = mobility * limits[k].gradient;
     limits[k].mobility = std::max(limits[k].gradient.dot(limits[k].response), 1e-6);
   }
   for (int pass = 0; pass < kPasses; ++pass) {

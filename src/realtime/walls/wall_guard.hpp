@@ -51,8 +51,8 @@ class WallGuard {
   Vector7 past(const Vector7& change) const noexcept;
   Vector6 past(const Vector6& change, const Matrix76& dq_dP) const noexcept;
 
-  // Adds to tau_J_d, N m; M is the mass matrix at q, c the Coriolis torque (N m). True if it had to.
-  bool add(const Vector7& q, const Vector7& dq, const Matrix7& M, const Vector7& c, Vector7& tau_J_d) noexcept;
+  // Adds to tau_J_d, N m; `mobility` is joint_mobility() at q, c the Coriolis torque (N m). True if it had to.
+  bool add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept;
 
   // The wall that stood in the way, the last time one did; 0: none since change().
   std::uint32_t wall() const noexcept { return wall_; }

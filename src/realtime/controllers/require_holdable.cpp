@@ -1,4 +1,4 @@
-#include "realtime/controllers/joint_inertia.hpp"
+#include "realtime/controllers/require_holdable.hpp"
 
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
