@@ -42,12 +42,18 @@ bool Limiter::at_rest() const noexcept {
 }
 
 TorqueLimiter::TorqueLimiter(const models::Limits& limits) : tau_max_(Vector7::Map(limits.tau_max.data())) {}
-bool TorqueLimiter::limit(const Vector7& wanted, const Vector7&, double, Vector7& out) noexcept {
+bool TorqueLimiter::scale(const Vector7& wanted, const Vector7&, double, Vector7& out) const noexcept {
+  out = wanted;
+  return false;
+}
+bool TorqueLimiter::limit(const Vector7& wanted, const Vector7&, double, Vector7& out) const noexcept {
   out = wanted;
   return false;
 }
 
 JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {}
-bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vector7&, Vector7&) const noexcept { return false; }
+bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vector7&, const Lead&, Vector7&) const noexcept {
+  return false;
+}
 
 }  // namespace realtime
