@@ -31,6 +31,7 @@
 #include <zmq.hpp>
 
 #include "bench/boxes.hpp"
+#include "bench/percentile.hpp"
 #include "frankapy/proto/controllers.pb.h"
 #include "frankapy/proto/simulation.pb.h"
 #include "frankapy/proto/trajectories.pb.h"
@@ -471,11 +472,7 @@ class Running {
   std::thread thread_;
 };
 
-double percentile(std::vector<std::int64_t>& ns, double share) {
-  const auto at = ns.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(ns.size() - 1));
-  std::nth_element(ns.begin(), at, ns.end());
-  return 1e-3 * static_cast<double>(*at);
-}
+double percentile_us(const std::vector<std::int64_t>& ns, double share) { return 1e-3 * static_cast<double>(percentile(ns, share)); }
 
 }  // namespace
 
@@ -493,7 +490,7 @@ int main() try {
       ++fitting;
       running.measure(all[0], 1);  // from the same posture
       auto ns = running.measure(each, kCycles);
-      const double half = percentile(ns, 0.5), most = percentile(ns, 0.99);
+      const double half = percentile_us(ns, 0.5), most = percentile_us(ns, 0.99);
       std::fprintf(stderr, "%-80s p50 %6.2f us  p99 %6.2f us  of %zu cycles\n", each.name().c_str(), half, most,
                    ns.size());
       if (half > p50) slowest = &each;
@@ -507,9 +504,9 @@ int main() try {
   std::fprintf(stderr, "%zu combinations fit\n", fitting);
   Running paced(false);
   auto ns = paced.measure(*slowest, kCycles);
-  const double paced_p50 = percentile(ns, 0.5);
+  const double paced_p50 = percentile_us(ns, 0.5);
   std::fprintf(stderr, "%-46s p50 %6.2f us  p99 %6.2f us  at 1 kHz\n", slowest->name().c_str(), paced_p50,
-               percentile(ns, 0.99));
+               percentile_us(ns, 0.99));
   allocations += paced.finish();
   double longest = 0;
   {
@@ -528,8 +525,8 @@ int main() try {
       if (!among.fits(all[k])) continue;
       among.measure(all[0], 1);
       auto samples = among.measure(all[k], kCycles);
-      const double most = percentile(samples, 0.99);
-      std::fprintf(stderr, "%-80s p50 %6.2f us  p99 %6.2f us  among boxes\n", all[k].name().c_str(), percentile(samples, 0.5), most);
+      const double most = percentile_us(samples, 0.99);
+      std::fprintf(stderr, "%-80s p50 %6.2f us  p99 %6.2f us  among boxes\n", all[k].name().c_str(), percentile_us(samples, 0.5), most);
       safe_p99 = std::max(safe_p99, most);
     }
     allocations += among.finish();

@@ -2,7 +2,6 @@
 //   safety_us_p50, _p99   of WallGuard in a cycle of torque control: the way to rest, what leads past the walls where that is
 //                         not clear, the way to rest again, and the torque; at random postures and speeds about home
 
-#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdio>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "bench/boxes.hpp"
+#include "bench/percentile.hpp"
 #include "models/arm.hpp"
 #include "realtime/model.hpp"
 #include "realtime/walls/wall_guard.hpp"
@@ -20,12 +20,6 @@ using namespace realtime;
 
 constexpr int kCycles = 50'000;
 constexpr double kBrake = 5;  // rad/s²
-
-double percentile(std::vector<double> values, double share) {
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
 
 }  // namespace
 

@@ -3,7 +3,6 @@
 //   stop_latency_ms_p50, _p99   from StopSkill into the client's socket to Door::stop_up_to
 // The server's threads as in an arm's process; at the door, instead of a loop, this program makes a record each millisecond.
 
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdio>
@@ -11,6 +10,7 @@
 #include <vector>
 #include <zmq.hpp>
 
+#include "bench/percentile.hpp"
 #include "server/publisher.hpp"
 #include "server/recorder.hpp"
 #include "server/sensor_hub.hpp"
@@ -51,12 +51,6 @@ class Client {
   zmq::socket_t socket_;
   std::uint64_t id_ = 0;
 };
-
-double percentile(std::vector<double> values, double share) {
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
 
 }  // namespace
 

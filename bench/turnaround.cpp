@@ -13,7 +13,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstdio>
@@ -26,6 +25,7 @@
 #include <thread>
 #include <vector>
 
+#include "bench/percentile.hpp"
 #include "models/arm.hpp"
 #include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/loop.hpp"
@@ -73,12 +73,6 @@ void pin(int processor) {
   CPU_ZERO(&set);
   CPU_SET(processor, &set);
   ::pthread_setaffinity_np(::pthread_self(), sizeof(set), &set);
-}
-
-double percentile(std::vector<double> values, double share) {
-  const auto nth = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), nth, values.end());
-  return *nth;
 }
 
 sockaddr_in at(const std::string& address, std::uint16_t port) {

@@ -391,9 +391,8 @@ void Loop::compute_torque() noexcept {
     if (faulty_ || lets_go) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
     const bool led = holder_->controller->leads() && !lets_go && !faulty_;
     limited_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? gate_.away(cycle_) : 0, tau_J_d_);
-    walled_skill_ |= torque_gate_.walled();
+    pushed_by_wall_ |= torque_gate_.walled();
   }
-  walled_skill_ |= gate_.walled();
   if (skill_ != nullptr && limited_) ++limited_cycles_;
 }
 
@@ -485,7 +484,7 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
     result.stretch *= 1 + slowed_ / planned;
   }
   result.limited_cycles = limited_cycles_;
-  if (walled_skill_) result.wall = gate_.walls().wall();
+  if (pushed_by_wall_ || gate_.walled()) result.wall = gate_.walls().wall();
   result.first_command_ns = first_command_ns_;
   result.last_cycle_ns = now_ns();
   if (ending == Ending::kComponentFault) result.fault = watch_.fault();
@@ -573,7 +572,7 @@ void Loop::start_skill() noexcept {
   leaving_ = false;
   hold_until_ = std::numeric_limits<std::uint64_t>::max();
   limited_cycles_ = 0;
-  walled_skill_ = false;
+  pushed_by_wall_ = false;
   first_command_ns_ = 0;
   trajectory_over_ = held_back_ = false;
   rejoin_.stop();

@@ -146,7 +146,7 @@ class Loop {
   bool coasted_ = false;          // in this cycle the robot went on by itself
   Rejoin rejoin_;                 // after that
   bool limited_ = false;
-  bool walled_skill_ = false;  // or held something of the running skill
+  bool pushed_by_wall_ = false;  // under torque, since the running skill began
   Vector7 tau_J_d_ = Vector7::Zero();
   MinJerk<7> left_over_;   // torque by which the controller would have stepped when it began, on its way to zero
   double fade_time_ = 1;   // s that it has been on it

@@ -315,15 +315,20 @@ def script(server):
         child.communicate()
 
 
+def wait_until_sent(child, server, call, block):
+    """Wait until a script has made its call, or, where that does not block, has gone on from it."""
+    if block:
+        wait_until(lambda: server.calls(call))
+    else:
+        assert child.stdout.readline() == "returned\n"
+
+
 @pytest.mark.parametrize(("number", "word", "status"), SIGNALS, ids=["Ctrl-C", "SIGHUP"])
 @pytest.mark.parametrize("block", [True, False])
 def test_a_signal_stops_the_skill(server, script, block, number, word, status):
     server.skill_time = 60
     child = script(f"goto_joints({HOME}, 1, block={block})")
-    if block:
-        wait_until(lambda: server.calls("start_skill"))
-    else:
-        assert child.stdout.readline() == "returned\n"
+    wait_until_sent(child, server, "start_skill", block)
     child.send_signal(number)
     output, _ = child.communicate(timeout=60)
     assert word in output
@@ -351,10 +356,7 @@ def test_a_signal_stops_a_skill_that_has_not_been_confirmed_yet(server, script, 
 def test_a_signal_stops_the_hand(server, script, block, number):
     server.gripper_time = 60
     child = script(f"close_gripper(block={block})")
-    if block:
-        wait_until(lambda: server.calls("gripper"))
-    else:
-        assert child.stdout.readline() == "returned\n"
+    wait_until_sent(child, server, "gripper", block)
     child.send_signal(number)
     child.communicate(timeout=60)
     assert server.calls("gripper")[-1].gripper.HasField("stop")
