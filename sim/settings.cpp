@@ -2,8 +2,8 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <cmath>
 #include <limits>
+#include <span>
 
 #include "sim/franka_hand.hpp"
 #include "sim/transform.hpp"
@@ -16,9 +16,19 @@ namespace {
 // contact and collision alike; libfranka's examples have the same while accelerating, and half of it else.
 constexpr double kThreshold = 20;
 
+// What a load or a frame may be at most is not published either: here more than any arm has, and what the configuration
+// of the server lets through. Of a number that is only finite, what the model computes may be none.
+constexpr double kHeaviest = 20;      // kg
+constexpr double kMostInertia = 100;  // kg m²
+constexpr double kFarthest = 2;       // m, along each axis
+
 template <class Values>
 bool within(const Values& values, double low, double high) {
   return std::all_of(values.begin(), values.end(), [&](double x) { return x >= low && x <= high; });
+}
+
+bool is_frame(const fci::Pose& pose) {
+  return is_transform(pose) && within(std::span(pose).subspan(12, 3), -kFarthest, kFarthest);
 }
 
 }  // namespace
@@ -61,15 +71,16 @@ bool Settings::valid(const fci::SetCartesianImpedance& request) {
   return within(K_x.first(3), 10, 3000) && within(K_x.last(3), 1, 300);
 }
 
-bool Settings::valid(const fci::SetEEToK& request) { return is_transform(request.EE_T_K); }
+bool Settings::valid(const fci::SetEEToK& request) { return is_frame(request.EE_T_K); }
 
-bool Settings::valid(const fci::SetNEToEE& request) { return is_transform(request.NE_T_EE); }
+bool Settings::valid(const fci::SetNEToEE& request) { return is_frame(request.NE_T_EE); }
 
 bool Settings::valid(const fci::SetLoad& request) {
   constexpr double kTolerance = 1e-9;  // kg m²
   const Eigen::Map<const Eigen::Matrix3d> I(request.I_load.data());
-  return request.m_load >= 0 && std::isfinite(request.m_load) && vector(request.F_x_Cload).allFinite() &&
-         I.allFinite() && (I - I.transpose()).cwiseAbs().maxCoeff() <= kTolerance &&
+  return request.m_load >= 0 && request.m_load <= kHeaviest && within(request.F_x_Cload, -kFarthest, kFarthest) &&
+         within(request.I_load, -kMostInertia, kMostInertia) &&
+         (I - I.transpose()).cwiseAbs().maxCoeff() <= kTolerance &&
          Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(I, Eigen::EigenvaluesOnly).eigenvalues().minCoeff() >=
              -kTolerance;
 }

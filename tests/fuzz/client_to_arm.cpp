@@ -135,8 +135,11 @@ class Arm {
       require(std::all_of(tau.begin(), tau.end(), number), "torques that are no numbers");
       require(std::all_of(force.begin(), force.end(), number), "forces of the fingers that are no numbers");
       const fci::RobotState& state = robot_.state();
-      for (const auto& values : {state.q_d, state.dq_d, state.ddq_d, state.tau_J_d}) {
+      for (const auto& values : {state.q_d, state.dq_d, state.ddq_d, state.tau_J_d, state.tau_ext_hat_filtered}) {
         require(std::all_of(values.begin(), values.end(), number), "a state that is no number");
+      }
+      for (const auto& values : {state.O_F_ext_hat_K, state.K_F_ext_hat_K}) {
+        require(std::all_of(values.begin(), values.end(), number), "a wrench that is no number");
       }
       require(std::all_of(state.O_T_EE_c.begin(), state.O_T_EE_c.end(), number), "a pose that is no number");
       if (!moves && state.robot_mode == fci::RobotMode::kIdle) {

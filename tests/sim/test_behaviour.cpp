@@ -285,6 +285,50 @@ TEST(Behaviour, AnArmBeyondItsRangeHasToBeBroughtBackByHand) {
   EXPECT_FALSE(fci::any(rig.state().errors));
 }
 
+// --- what it carries -------------------------------------------------------------------------------------------------
+
+// Finite numbers as well: of the largest, what the robot would compute is not.
+TEST_P(BehaviourOf, LoadsAndFramesThatNoArmHasAreRefused) {
+  for (const double much : {101., 2.6e207, 1e308}) {
+    for (const double value : {much, -much}) {
+      SCOPED_TRACE(value);
+      fci::Pose far = fci::kIdentityPose;
+      far[13] = value;
+      EXPECT_EQ(rig.robot.set(fci::SetNEToEE{far}), Status::kInvalidArgument);
+      EXPECT_EQ(rig.robot.set(fci::SetEEToK{far}), Status::kInvalidArgument);
+      EXPECT_EQ(rig.robot.set(fci::SetLoad{value, {}, {}}), Status::kInvalidArgument);
+      EXPECT_EQ(rig.robot.set(fci::SetLoad{0.5, {value, 0, 0}, {}}), Status::kInvalidArgument);
+      EXPECT_EQ(rig.robot.set(fci::SetLoad{0.5, {}, {value, 0, 0, 0, 1, 0, 0, 0, 1}}), Status::kInvalidArgument);
+    }
+  }
+  rig.wait(0.1);
+  EXPECT_EQ(rig.state().robot_mode, RobotMode::kIdle);
+  EXPECT_TRUE(reported(rig.state().tau_J).allFinite());
+}
+
+TEST_P(BehaviourOf, TheMostThatIsTakenLeavesEverythingANumber) {
+  const fci::Pose far = wire(transform({2, -2, 2}, 0.5, {1, 2, 3}));
+  ASSERT_EQ(rig.robot.set(thresholds(1e6, 1e6)), Status::kSuccess);
+  ASSERT_EQ(rig.robot.set(fci::SetNEToEE{far}), Status::kSuccess);
+  ASSERT_EQ(rig.robot.set(fci::SetEEToK{far}), Status::kSuccess);
+  ASSERT_EQ(rig.robot.set(fci::SetLoad{20, {-2, 2, 2}, {100, 0, 0, 0, 100, 0, 0, 0, 100}}), Status::kSuccess);
+  for (const auto controller : {ControllerMode::kJointImpedance, ControllerMode::kCartesianImpedance}) {
+    // Whatever error ends it, the law goes on.
+    ASSERT_EQ(rig.start(Mode::kJointPosition, controller), Status::kMotionStarted);
+    const auto hold = rig.hold();
+    for (int i = 0; i < 500; ++i) {
+      rig.cycle(hold);
+      const auto& s = rig.state();
+      for (const auto& values : {s.q, s.dq, s.tau_J, s.tau_J_d, s.tau_ext_hat_filtered}) {
+        ASSERT_TRUE(reported(values).allFinite()) << "cycle " << i;
+      }
+      ASSERT_TRUE(reported(s.O_F_ext_hat_K).allFinite() && reported(s.K_F_ext_hat_K).allFinite()) << "cycle " << i;
+    }
+    rig.robot.recover();
+    rig.wait(1);  // at rest, recovered
+  }
+}
+
 // --- guiding ---------------------------------------------------------------------------------------------------------
 
 TEST_P(BehaviourOf, GuidingTakesThePressedUserStop) {
