@@ -359,14 +359,17 @@ class Running {
     }
   }
 
+  // From wherever it is, with a motion of joints.
+  void go_home(const Combination& by_joints) { measure(by_joints, 1, 0); }
+
   // Nanoseconds of at least that many cycles of the combination.
-  std::vector<std::int64_t> measure(const Combination& combination, std::size_t cycles) {
+  std::vector<std::int64_t> measure(const Combination& combination, std::size_t cycles, int turn = 1) {
     std::vector<std::int64_t> samples;
     samples.reserve(2 * cycles + 4096);
     const std::uint64_t first = next_id_;
     std::uint64_t current = 0;  // the skill handed over last
     bool ended = true;
-    for (int turn = 1; samples.size() < cycles || !ended;) {
+    while (samples.size() < cycles || !ended) {
       double time = 0;
       while (records_.next(newest_)) {
         if (newest_.compute_ns > 0 && newest_.phase == Phase::kRunning && newest_.skill_id >= first) {
@@ -486,9 +489,9 @@ int main() try {
   {
     Running running(true);
     for (const Combination& each : all) {
+      running.go_home(all[0]);
       if (!running.fits(each)) continue;
       ++fitting;
-      running.measure(all[0], 1);  // from the same posture
       auto ns = running.measure(each, kCycles);
       const double half = percentile_us(ns, 0.5), most = percentile_us(ns, 0.99);
       std::fprintf(stderr, "%-80s p50 %6.2f us  p99 %6.2f us  of %zu cycles\n", each.name().c_str(), half, most,
@@ -513,7 +516,7 @@ int main() try {
     std::vector<const Combination*> heavy{&all[0]};
     for (const auto& [controller, of] : slowest_of) heavy.push_back(of.second);
     Running eventful(true);
-    eventful.measure(all[0], 1);
+    eventful.go_home(all[0]);
     longest = 1e-3 * static_cast<double>(eventful.longest_among_events(heavy));
     allocations += eventful.finish();
   }
@@ -522,8 +525,8 @@ int main() try {
     Running among(true);
     among.among_boxes();
     for (std::size_t k = 0; k < all.size(); k += kSafeStep) {
+      among.go_home(all[0]);
       if (!among.fits(all[k])) continue;
-      among.measure(all[0], 1);
       auto samples = among.measure(all[k], kCycles);
       const double most = percentile_us(samples, 0.99);
       std::fprintf(stderr, "%-80s p50 %6.2f us  p99 %6.2f us  among boxes\n", all[k].name().c_str(), percentile_us(samples, 0.5), most);

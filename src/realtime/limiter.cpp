@@ -21,6 +21,9 @@ constexpr double kPlanShare = 0.96;
 // Share of the jerk limits that steps planned here use where there is room. A robot that has lost n commands in a row,
 // and went on with constant acceleration, sees (n+1)(n+2)(n+3)/6 times the jerk when the next arrives: three may be lost.
 constexpr double kGentleJerk = 0.05;
+// s in which a pose that catches up gives back the acceleration it has, at least: with gentle jerk alone one that was left in
+// mid-motion would be led far astray.
+constexpr double kGiveBack = 0.03;
 // Share that a pose brakes with where that does not do, and how near to a limit of acceleration or jerk that may lead.
 constexpr double kHardJerk = 0.5;
 constexpr double kMostStrain = 0.95;
@@ -560,9 +563,10 @@ struct Limiter::Impl : Motion {
     const models::Limits::Rates own = own_limits(part);
     const double V = kPlanShare * own.velocity;
     const double A = kPlanShare * own.acceleration;
-    const double J = kGentleJerk * own.jerk;
     const Vector3 velocity = limited(wanted_velocity, V);
     const Vector3 acceleration = limited(wanted_acceleration, A);
+    const double J =
+        std::clamp((part.acceleration - acceleration).norm() / kGiveBack, kGentleJerk * own.jerk, kHardJerk * own.jerk);
     const double axis = 1 / std::sqrt(3.0);
     const double V_axis = axis * std::max(V - velocity.norm(), kLeastShare * V);
     const double A_axis = axis * std::max(A - acceleration.norm(), kLeastShare * A);
@@ -680,8 +684,10 @@ struct Limiter::Impl : Motion {
     const Vector7 v = along.dq_dP * twist(translation.v, rotation.v);
     along_a = (v - along_v) / dt;
     along_v = v;
-    ahead = std::max(stop_time(translation.velocity, rotation.velocity) / 2, kLeastAhead);
+    look_ahead();
   }
+
+  void look_ahead() { ahead = std::max(stop_time(translation.velocity, rotation.velocity) / 2, kLeastAhead); }
 
   bool follow(const CartesianReference& wanted, double dt, CartesianReference& out) noexcept {
     struct Choice {
@@ -768,6 +774,8 @@ void Limiter::reset(const Reference& from) noexcept {
   // As if the outputs before had come with constant acceleration: differences lag by half a cycle.
   constexpr double kHalfCycle = 0.0005;  // s
   Impl& m = *impl_;
+  m.stuck_cycles = 0;
+  m.stuck_at = from;
   if (m.is_last(from)) return;  // and the differences are known
   m.last = from;
   m.kind = from.kind;
@@ -775,8 +783,6 @@ void Limiter::reset(const Reference& from) noexcept {
   m.along_change.setZero();
   m.along_nearing = 0;
   m.ahead = kLeastAhead;
-  m.stuck_cycles = 0;
-  m.stuck_at = from;
   if (from.kind == ReferenceKind::kJoint) {
     for (int i = 0; i < kJoints; ++i) {
       const double dq = from.joint.dq[i], ddq = from.joint.ddq[i];
@@ -809,6 +815,13 @@ void Limiter::joints_follow(const JointsOfPose& joints, const JointsOfPose& ahea
   m.has_along = true;
   m.along_v = joints.dq_dP * twist(m.translation.v, m.rotation.v);
   m.along_a = joints.dq_dP * twist(m.translation.a, m.rotation.a);
+  m.look_ahead();
+}
+
+bool Limiter::has_room() noexcept {
+  static constexpr double kCycle = 0.001;  // s
+  const auto on = [](const Part& part) { return Impl::PartStep{kCycle * part.velocity, part.velocity, Vector3::Zero()}; };
+  return impl_->along_admissible(on(impl_->translation), on(impl_->rotation), kCycle);
 }
 
 Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept {

@@ -37,6 +37,10 @@ class Limiter {
   // About where the joints that follow a pose would be halfway to rest.
   Vector7 joints_ahead(const Vector7& q) const noexcept;
 
+  // Whether the joints that follow a pose keep their limits, and have room to come to rest, if it goes on with the velocity that
+  // it has.
+  bool has_room() noexcept;
+
   // Next output for what is wanted in this cycle; dt in s. True if it had to hold something back.
   // A reference that is not finite, or of another kind than the one continued from, is braked for.
   bool follow(const Reference& wanted, double dt, Reference& out) noexcept;

@@ -6,7 +6,9 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <optional>
 #include <vector>
 
 #include "realtime/pose_joints.hpp"
@@ -26,16 +28,22 @@ namespace {
 using realtime::Effort;
 using realtime::Reference;
 using realtime::ReferenceKind;
+using realtime::TrajectoryGenerator;
 using realtime::Vector7;
 
 constexpr std::size_t kMaxDescription = 1024;  // bytes
 constexpr int kMostTerminations = 16;
 constexpr int kPathSamples = 8;
-constexpr int kSpeedSamples = 200;
-constexpr int kWallSamples = 100;         // of a way of joints, or poses
-constexpr int kSteps = 3;                // of inverse kinematics from one of them to the next, of a way of poses
+constexpr double kSampleTime = 0.01;  // s, about, between the places of a way that are looked at
+constexpr int kLeastSamples = 200, kMostSamples = 2000;
+constexpr int kBodyStep = 2;  // one place in so many is looked at for walls and the arm itself
+constexpr int kSteps = 3;     // of inverse kinematics from one place to the next, of a way of poses
+constexpr int kFirstSteps = 20;  // to its first, which an arm is beside that does not follow exactly
 constexpr double kMissed = 5e-3;         // m, rad
 constexpr double kToolSpeedShare = 0.94;  // the rest is for what the arm does beside its reference
+constexpr double kPoseShare = 0.7;        // of the joints' limits of acceleration and jerk, for a way of poses
+constexpr double kRoomShare = 0.97;       // of the greatest rate that the limiter would let pass
+constexpr double kLeastRate = 0.02;       // at which a path is gone along
 constexpr double kFarStart = 60, kLateStart = 1;  // s
 // Where a limit is the goal: rounding on the way to it is no violation.
 constexpr double kJointTolerance = 1e-6;  // rad
@@ -45,7 +53,7 @@ constexpr double kJointTolerance = 1e-6;  // rad
 std::string name(ReferenceKind kind) {
   return kind == ReferenceKind::kJoint ? "joint references" : "Cartesian references";
 }
-std::string name(const realtime::TrajectoryGenerator& trajectory) {
+std::string name(const TrajectoryGenerator& trajectory) {
   switch (trajectory.effort()) {
     case Effort::kWrench: return name(trajectory.reference_kind()) + " with a wrench";
     case Effort::kTorque: return name(trajectory.reference_kind()) + " with torques";
@@ -92,6 +100,19 @@ std::string place(int sample) {
   return sample == kPathSamples ? "its goal" : fmt::format("its path, {:.0f} % on", 100.0 * sample / kPathSamples);
 }
 
+constexpr const char* kOtherWay = "go there by joints (goto_joints), or begin from a posture farther from it";
+
+int samples_of(double duration) {
+  return std::clamp(static_cast<int>(duration / kSampleTime), kLeastSamples, kMostSamples);
+}
+
+// It has started at `from`, and has afterwards.
+void slow_down(std::unique_ptr<TrajectoryGenerator>& trajectory, std::optional<realtime::Pace> pace, const Reference& from) {
+  if (!pace) return;
+  trajectory = std::make_unique<realtime::Paced>(std::move(trajectory), *std::move(pace));
+  trajectory->start(from);
+}
+
 // On CLOCK_MONOTONIC, of a time on this computer's clock, s since 1970.
 std::int64_t start_ns(double start_time) {
   const double ahead = start_time - std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -135,7 +156,7 @@ bool fits(const Named& named, const realtime::Controller& controller, ReferenceK
 }
 
 robot::Mode choose(const proto::Skill& message, const realtime::Controller& controller,
-                   const realtime::TrajectoryGenerator& generator, const realtime::Arm& arm) {
+                   const TrajectoryGenerator& generator, const realtime::Arm& arm) {
   const ReferenceKind kind = generator.reference_kind();
   std::string fitting;
   for (const Named& each : kRobotControllers) {
@@ -165,7 +186,7 @@ proto::RobotController name_of(const robot::Mode& mode) {
 }
 
 SkillBuilder::SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits)
-    : model_(std::move(model)), limits_(limits) {}
+    : model_(std::move(model)), limits_(limits), limiter_(limits) {}
 
 std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message, const realtime::Record& now,
                                                      const Reference* after, bool path) {
@@ -208,10 +229,9 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
                        text_of(skill->trajectory->goal())));
   }
   if (kind == ReferenceKind::kJoint) {
-    keep_tool_speed(skill->trajectory, start);
-    check_joint_path(*skill->trajectory, trajectory);
+    check_joint_path(skill->trajectory, trajectory, start);
   } else {
-    check_cartesian_path(*skill->trajectory, trajectory, arm.q);
+    check_cartesian_path(skill->trajectory, trajectory, start, arm.q);
   }
   return skill;
 }
@@ -237,31 +257,14 @@ Reference SkillBuilder::start_of(ReferenceKind kind, const realtime::Record& now
   return start;
 }
 
-void SkillBuilder::keep_tool_speed(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const Reference& from) {
-  const double step = trajectory->duration() / kSpeedSamples;
-  if (!(step > 0 && std::isfinite(step))) return;
-  Reference reference;
-  realtime::Vector3 last;
-  double fastest = 0;
-  for (int sample = 0; sample <= kSpeedSamples; ++sample) {
-    trajectory->step(step * sample, reference);
-    const realtime::Vector3 place = model_->O_T_EE(reference.joint.q).translation();
-    if (sample > 0) fastest = std::max(fastest, (place - last).norm() / step);
-    last = place;
-  }
-  const double speed = kToolSpeedShare * limits_.translation.velocity / fastest;
-  if (!(speed < 1)) return;
-  trajectory = std::make_unique<realtime::Slowed>(std::move(trajectory), std::max(speed, 0.01), true);
-  trajectory->start(from);
-}
-
-void SkillBuilder::check_joint_path(realtime::TrajectoryGenerator& trajectory, const std::string& kind) const {
-  const double duration = trajectory.duration();
+void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajectory, const std::string& kind,
+                                    const Reference& from) {
+  const double duration = trajectory->duration();
   Reference reference;
   Vector7 outside;  // of the limits; an arm that begins there may come back
   for (int sample = 0; sample <= kPathSamples; ++sample) {
-    trajectory.step(duration * sample / kPathSamples, reference);
-    if (sample == kPathSamples) reference = trajectory.goal();
+    trajectory->step(duration * sample / kPathSamples, reference);
+    if (sample == kPathSamples) reference = trajectory->goal();
     for (int i = 0; i < 7; ++i) {
       const double q = reference.joint.q[i];
       const double excess = std::max(limits_.q_min[i] - q, q - limits_.q_max[i]);
@@ -272,24 +275,36 @@ void SkillBuilder::check_joint_path(realtime::TrajectoryGenerator& trajectory, c
     }
   }
   if (!(duration > 0 && std::isfinite(duration))) return;
-  std::vector<Vector7> way;
-  for (int sample = 0; sample <= kWallSamples; ++sample) {
-    trajectory.step(duration * sample / kWallSamples, reference);
-    way.push_back(reference.joint.q);
+  // Joints within their own limits may move EE faster than the robot allows.
+  SampledWay way{duration, {}, {}};
+  const int samples = samples_of(duration);
+  realtime::Vector3 last;
+  for (int sample = 0; sample <= samples; ++sample) {
+    trajectory->step(duration * sample / samples, reference);
+    const realtime::Vector3 here = model_->O_T_EE(reference.joint.q).translation();
+    const double speed = sample == 0 ? 0 : (here - last).norm() * samples / duration;
+    last = here;
+    way.q.push_back(reference.joint.q);
+    way.rate.push_back(kToolSpeedShare * limits_.translation.velocity / std::max(speed, 1e-9));
   }
-  way.push_back(trajectory.goal().joint.q);
-  check_bodies(way, kind);
+  slow_down(trajectory, pace_along(way, limits_, std::numeric_limits<double>::infinity()), from);
+  way.q.push_back(trajectory->goal().joint.q);
+  check_bodies(way.q, kind);
 }
 
 // The arm's own, and walls.
 void SkillBuilder::check_bodies(std::span<const Vector7> way, const std::string& kind) const {
   if (!walls_) return;
-  check_self_collision(walls_->arm, way, kind);
-  check_walls(*walls_, *wall_names_, way, kind);
+  std::vector<Vector7> places;
+  for (std::size_t k = 0; k < way.size(); k += kBodyStep) places.push_back(way[k]);
+  places.push_back(way.back());
+  check_self_collision(walls_->arm, places, kind);
+  check_walls(*walls_, *wall_names_, places, kind);
 }
 
-void SkillBuilder::check_cartesian_path(realtime::TrajectoryGenerator& trajectory, const std::string& kind, Vector7 q) {
-  const double duration = trajectory.duration();
+void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& trajectory, const std::string& kind,
+                                        const Reference& from, const Vector7& q) {
+  const double duration = trajectory->duration();
   const auto check = [&](int sample, const Eigen::Isometry3d& pose, const Vector7& from) {
     const Reach result = reach(*model_, limits_, pose, from);
     if (result.reached) return result.q;
@@ -301,40 +316,83 @@ void SkillBuilder::check_cartesian_path(realtime::TrajectoryGenerator& trajector
   };
   Reference reference;
   // The goal first: it is what people ask for, and what to name when it is the goal that is wrong.
-  check(kPathSamples, pose_of(trajectory.goal()), q);
+  check(kPathSamples, pose_of(trajectory->goal()), q);
   Vector7 reached = q;
   for (int sample = 1; sample < kPathSamples; ++sample) {
-    trajectory.step(duration * sample / kPathSamples, reference);
+    trajectory->step(duration * sample / kPathSamples, reference);
     reached = check(sample, pose_of(reference), reached);
   }
   if (!(duration > 0 && std::isfinite(duration))) return;
-  // Every pose of it is reached by some joints; now those with which the arm goes from one to the next.
-  std::vector<Vector7> way = {q};
+  // Every pose of it is reached by some joints; now those with which the arm goes from one to the next. The elbow gives way in the
+  // time that it has, so that a way which gets another pace is gone along once more.
+  SampledWay way = way_of_poses(*trajectory, kind, q, nullptr);
+  auto pace = pace_along(way, limits_, kPoseShare);
+  if (pace) {
+    way = way_of_poses(*trajectory, kind, q, &*pace);
+    pace = pace_along(way, limits_, kPoseShare);
+  }
+  slow_down(trajectory, std::move(pace), from);
+  check_bodies(way.q, kind);
+}
+
+SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std::string& kind, const Vector7& q,
+                                      const realtime::Pace* pace) {
+  SampledWay way{trajectory.duration(), {}, {}};
+  const int samples = samples_of(way.duration);
   realtime::PoseJoints joints(*model_, limits_);
   joints.place(q);
-  for (int sample = 1; sample <= kWallSamples; ++sample) {
-    trajectory.step(duration * sample / kWallSamples, reference);
-    if (sample == kWallSamples) reference = trajectory.goal();
-    for (int step = 0; step < kSteps; ++step) joints.step(reference.cartesian, duration / (kWallSamples * kSteps));
-    way.push_back(joints.joints().q);
-    check_joints_of_pose(way.back(), reference, kind, 100. * sample / kWallSamples);
+  Reference reference;
+  for (int sample = 0; sample <= samples; ++sample) {
+    trajectory.step(way.duration * sample / samples, reference);
+    if (sample == samples) reference = trajectory.goal();
+    const std::size_t k = static_cast<std::size_t>(sample);
+    const double time = sample == 0 ? 0 : pace ? pace->places[k].time - pace->places[k - 1].time : way.duration / samples;
+    const int steps = sample == 0 ? kFirstSteps : kSteps;
+    for (int step = 0; step < steps; ++step) joints.step(reference.cartesian, time / steps);
+    way.q.push_back(joints.joints().q);
+    check_joints_of_pose(way.q.back(), reference, kind, 100. * sample / samples);
+    way.rate.push_back(rate_with_room(reference, model_->joints_of_pose(way.q.back())));
+    if (way.rate.back() > 0) continue;
+    refuse(fmt::format("{}: {:.0f} % on, its path leads too near to a singular posture of the arm or to the end of a joint's range "
+                       "to come to rest before it, [{:.4f}] rad; {}",
+                       kind, 100. * sample / samples, fmt::join(way.q.back(), ", "), kOtherWay));
   }
-  check_bodies(way, kind);
+  return way;
+}
+
+double SkillBuilder::rate_with_room(Reference pose, const realtime::JointsOfPose& joints) {
+  const realtime::Vector6 velocity = pose.cartesian.velocity;
+  pose.cartesian.acceleration.setZero();
+  const auto has_room = [&](double rate) {
+    pose.cartesian.velocity = rate * velocity;
+    limiter_.reset(pose);
+    limiter_.joints_follow(joints, joints);
+    limiter_.joints_follow(joints, model_->joints_of_pose(limiter_.joints_ahead(joints.q)));
+    return limiter_.has_room();
+  };
+  if (has_room(1 / kRoomShare)) return 1;
+  double most = 1 / kRoomShare, least = kLeastRate;
+  if (!has_room(least)) return 0;
+  constexpr int kHalvings = 7;
+  for (int n = 0; n < kHalvings; ++n) {
+    const double rate = std::sqrt(most * least);
+    (has_room(rate) ? least : most) = rate;
+  }
+  return kRoomShare * least;
 }
 
 // Joints with which the arm would come to a pose on its path, `percent` of the way on.
 void SkillBuilder::check_joints_of_pose(const Vector7& q, const Reference& pose, const std::string& kind, double percent) const {
-  const std::string remedy = "go there by joints (goto_joints), or begin from a posture farther from it";
   for (int i = 0; i < models::kJoints; ++i) {
     if (q[i] >= limits_.q_min[i] && q[i] <= limits_.q_max[i]) continue;
     refuse(fmt::format("{}: {:.0f} % on, its path would lead joint {} to {:.4f} rad: expected {} to {} rad, the limits of this "
                        "arm; {}",
-                       kind, percent, i + 1, q[i], limits_.q_min[i], limits_.q_max[i], remedy));
+                       kind, percent, i + 1, q[i], limits_.q_min[i], limits_.q_max[i], kOtherWay));
   }
   const realtime::Vector6 left = realtime::change_between(realtime::at(model_->O_T_EE(q)), pose.cartesian);
   if (left.head<3>().norm() > kMissed || left.tail<3>().norm() > kMissed) {
     refuse(fmt::format("{}: {:.0f} % on, its path leads through a singular posture of the arm, [{:.4f}] rad; {}", kind, percent,
-                       fmt::join(q, ", "), remedy));
+                       fmt::join(q, ", "), kOtherWay));
   }
 }
 

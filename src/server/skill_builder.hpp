@@ -7,7 +7,9 @@
 #include "frankapy/proto/skill.pb.h"
 #include "models/arm.hpp"
 #include "realtime/door.hpp"
+#include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
+#include "server/path_pace.hpp"
 
 namespace server {
 
@@ -34,12 +36,18 @@ class SkillBuilder {
   realtime::Vector7 joints_at_start(const realtime::Record& now, const realtime::Reference* after);
   realtime::Reference start_of(realtime::ReferenceKind kind, const realtime::Record& now, const realtime::Reference* after,
                                const realtime::Vector7& q);
-  // Joints within their own limits may move EE faster than the robot allows: then the trajectory gets a slower clock. It has
-  // started at `from`, and has afterwards.
-  void keep_tool_speed(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const realtime::Reference& from);
-  void check_joint_path(realtime::TrajectoryGenerator& trajectory, const std::string& kind) const;
-  // `q`: joints at its start, rad.
-  void check_cartesian_path(realtime::TrajectoryGenerator& trajectory, const std::string& kind, realtime::Vector7 q);
+  // Checks the way of a trajectory that has started at `from`; where limits of the arm ask for it, it then gets a slower pace, and
+  // has started again. `q`: joints at its start, rad.
+  void check_joint_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,
+                        const realtime::Reference& from);
+  void check_cartesian_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,
+                            const realtime::Reference& from, const realtime::Vector7& q);
+
+  // The joints with which the arm goes along such a path from q, checked, and how fast; in the time of `pace` if there is one.
+  SampledWay way_of_poses(realtime::TrajectoryGenerator& trajectory, const std::string& kind, const realtime::Vector7& q,
+                          const realtime::Pace* pace);
+  // The greatest share of its velocity that leaves the joints room to come to rest; 0 if there is none.
+  double rate_with_room(realtime::Reference pose, const realtime::JointsOfPose& joints);
 
   void check_joints_of_pose(const realtime::Vector7& q, const realtime::Reference& pose, const std::string& kind,
                             double percent) const;
@@ -50,6 +58,7 @@ class SkillBuilder {
   const WallStore* wall_names_ = nullptr;
   std::unique_ptr<realtime::Model> model_;
   models::Limits limits_;
+  realtime::Limiter limiter_;  // of no motion: it judges places of a path
 };
 
 // The name of a robot controller.

@@ -9,6 +9,7 @@
 #include "models/arm.hpp"
 #include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
+#include "realtime/pose_joints.hpp"
 #include "realtime/rotation.hpp"
 
 namespace {
@@ -305,6 +306,46 @@ TEST_P(AnyArm, a_pose_that_leaves_rest_gently_is_not_held) {
     limiter.joints_follow(model.joints_of_pose(q), ahead);
     EXPECT_FALSE(limiter.follow(wanted, kDt, out)) << "cycle " << k;
   }
+}
+
+// A pose that is to stay while it is in the midst of a motion turns back at once, however gently it would go there from rest.
+TEST_P(AnyArm, a_pose_in_mid_motion_is_not_led_astray) {
+  realtime::Model model(models::urdf(models::arm(GetParam().arm), GetParam().version));
+  realtime::PoseJoints joints(model, limits);
+  joints.place(Vector7::Map(models::kHome.data()));
+  Reference from;
+  from.kind = ReferenceKind::kCartesian;
+  from.cartesian = realtime::at(model.O_T_EE(Vector7::Map(models::kHome.data())));
+  const Reference wanted = from;
+  from.cartesian.velocity[2] = 0.1;
+  from.cartesian.acceleration[2] = 2.5;
+  realtime::Limiter limiter(limits);
+  limiter.reset(from);
+  Reference out = from;
+  double farthest = 0;
+  int cycle = 0;
+  for (; cycle < 4000; ++cycle) {
+    joints.step(out.cartesian, kDt);
+    limiter.joints_follow(joints.joints(), model.joints_of_pose(limiter.joints_ahead(joints.joints().q)));
+    if (!limiter.follow(wanted, kDt, out)) break;
+    farthest = std::max(farthest, (out.cartesian.position - wanted.cartesian.position).norm());
+  }
+  EXPECT_LT(cycle, 2000);
+  EXPECT_LT(farthest, 0.09);
+}
+
+TEST_P(AnyArm, it_is_stuck_only_since_it_began_anew) {
+  const Reference from = joint_start();
+  realtime::Limiter limiter(limits);
+  limiter.reset(from);
+  Reference wanted = from, out;
+  wanted.joint.q = Vector7::Map(limits.q_max.data()).array() + 0.1;
+  wanted.joint.dq.setZero();
+  wanted.joint.ddq.setZero();
+  for (int k = 0; k < 60'000 && !limiter.stuck(); ++k) limiter.follow(wanted, kDt, out);
+  ASSERT_TRUE(limiter.stuck());
+  limiter.reset(limiter.last());
+  EXPECT_FALSE(limiter.stuck());
 }
 
 TEST_P(AnyArm, a_reference_that_obeys_is_passed_on_unchanged) {

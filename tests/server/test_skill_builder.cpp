@@ -1,5 +1,12 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "realtime/pose_joints.hpp"
+#include "realtime/tool.hpp"
+#include "realtime/trajectories/paced.hpp"
 #include "server/refused.hpp"
 #include "tests/server/skills.hpp"
 
@@ -121,6 +128,73 @@ TEST_F(SkillBuilderTest, PathsOutOfReachAreRefused) {
   for (double each : {rotation.w(), rotation.x(), rotation.y(), rotation.z()}) behind.add_quaternion(each);
   const std::string text = error_of(skill_of(behind, proto::CartesianImpedance()));
   EXPECT_TRUE(text.starts_with("MinJerkPose: its path, ")) << text;
+}
+
+// Towards goals in all directions, much faster than the joints may: as fast as they may then, on the same way, smoothly.
+TEST_F(SkillBuilderTest, AFarPoseIsPacedByItsJoints) {
+  const auto model = fr3_model();
+  realtime::carry(now_.state, *model);
+  std::mt19937 random(3);
+  std::uniform_real_distribution<> side(-0.25, 0.25);
+  int driven = 0, paced = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    auto motion = pose_motion(side(random), 2 * side(random), side(random));
+    motion.set_duration(0.3);
+    std::unique_ptr<realtime::Skill> skill;
+    try {
+      skill = builder_.build(skill_of(motion, proto::CartesianImpedance()), now_);
+    } catch (const Refused&) {
+      continue;
+    }
+    ++driven;
+    realtime::TrajectoryGenerator& way = *skill->trajectory;
+    paced += dynamic_cast<const realtime::Paced*>(&way) != nullptr;
+    constexpr double kTick = 0.001;
+    realtime::PoseJoints joints(*model, fr3_limits());
+    joints.place(Eigen::Map<const realtime::Vector7>(models::kHome.data()));
+    realtime::Reference reference, goal = way.goal();
+    way.step(0, reference);
+    const realtime::Vector3 start = reference.cartesian.position, straight = goal.cartesian.position - start;
+    std::vector<realtime::Vector7> q;
+    realtime::Reference before = reference;
+    for (double time = 0; time < way.duration() + 0.01; time += kTick, before = reference) {
+      way.step(time, reference);
+      for (int n = 0; n < 3; ++n) joints.step(reference.cartesian, kTick / 3);
+      q.push_back(joints.joints().q);
+      const realtime::CartesianReference &now = reference.cartesian, &last = before.cartesian;
+      const realtime::Vector3 here = now.position - start;
+      ASSERT_LT((here - here.dot(straight) / straight.squaredNorm() * straight).norm(), 1e-6);
+      if (time == 0) continue;
+      const realtime::Vector6 v = (now.velocity + last.velocity) / 2, dv = (now.velocity - last.velocity) / kTick;
+      ASSERT_LT(((now.position - last.position) / kTick - v.head<3>()).norm(), 1e-3) << time;
+      ASSERT_LT((dv - (now.acceleration + last.acceleration) / 2).head<3>().norm(), 0.1) << time;
+    }
+    EXPECT_TRUE(reference.cartesian.position == goal.cartesian.position);
+    double velocity = 0, acceleration = 0, jerk = 0;
+    for (std::size_t k = 3; k < q.size(); ++k) {
+      for (int i = 0; i < 7; ++i) {
+        const double v[] = {q[k][i] - q[k - 1][i], q[k - 1][i] - q[k - 2][i], q[k - 2][i] - q[k - 3][i]};
+        velocity = std::max(velocity, std::abs(v[0]) / kTick / fr3_limits().dq_max[i]);
+        acceleration = std::max(acceleration, std::abs(v[0] - v[1]) / (kTick * kTick) / fr3_limits().ddq_max[i]);
+        jerk = std::max(jerk, std::abs(v[0] - 2 * v[1] + v[2]) / std::pow(kTick, 3) / fr3_limits().dddq_max[i]);
+      }
+    }
+    EXPECT_LT(velocity, 0.9) << motion.DebugString();
+    EXPECT_LT(acceleration, 1) << motion.DebugString();
+    EXPECT_LT(jerk, 0.8) << motion.DebugString();
+    EXPECT_GT(std::max({velocity, acceleration, jerk}), 0.4) << motion.DebugString();  // and not slower for nothing
+    EXPECT_GE(way.stretch(), 1);
+  }
+  EXPECT_GT(driven, 20);
+  EXPECT_GT(paced, driven / 2);
+}
+
+TEST_F(SkillBuilderTest, AGentlePoseIsNotPaced) {
+  auto motion = pose_motion(0.05, 0.1, -0.1);
+  motion.set_duration(2);
+  const auto skill = builder_.build(skill_of(motion, proto::CartesianImpedance()), now_);
+  EXPECT_EQ(skill->trajectory->duration(), 2);
+  EXPECT_EQ(skill->trajectory->stretch(), 1);
 }
 
 TEST_F(SkillBuilderTest, ARelativeGoalCountsFromTheReferenceThatIsCommanded) {

@@ -12,9 +12,8 @@ namespace realtime {
 // is braked by the limiter and not on the slow clock, which would lead it astray.
 class Slowed : public TrajectoryGenerator {
  public:
-  // speed: 0.01 to 1; for_limits: it is limits that ask for it. Throws std::invalid_argument naming value and bound.
-  Slowed(std::unique_ptr<TrajectoryGenerator> trajectory, double speed, bool for_limits = false)
-      : trajectory_(std::move(trajectory)), speed_(speed), stretch_(for_limits ? 1 / speed : 1) {
+  // speed: 0.01 to 1. Throws std::invalid_argument naming value and bound.
+  Slowed(std::unique_ptr<TrajectoryGenerator> trajectory, double speed) : trajectory_(std::move(trajectory)), speed_(speed) {
     require_within("speed", -1, speed, 0.01, 1, "");
   }
 
@@ -33,11 +32,11 @@ class Slowed : public TrajectoryGenerator {
   const Reference& goal() const noexcept override { return trajectory_->goal(); }
   bool shortened() const noexcept override { return trajectory_->shortened(); }
   double duration() const noexcept override { return trajectory_->duration() / speed_; }
-  double stretch() const noexcept override { return stretch_ * trajectory_->stretch(); }
+  double stretch() const noexcept override { return trajectory_->stretch(); }
 
  private:
   std::unique_ptr<TrajectoryGenerator> trajectory_;
-  double speed_, stretch_;
+  double speed_;
 };
 
 }  // namespace realtime
