@@ -30,6 +30,7 @@ def follow(fa: FrankaArm, truth: Path, direction: np.ndarray) -> tuple[np.ndarra
     goal.translation = goal.translation + WAY * direction
     reference = {}
     with fa.states() as states:
+        states.receive()  # the server knows of this reader: from here on none is missed
         result = fa.run(MinJerkPose(goal, DURATION), CartesianImpedance(600, 50), Time(after_trajectory=REST))
         for state in states:
             if state.skill_id == result.skill_id and state.O_T_EE_ref:  # none while the motion is being started

@@ -706,6 +706,7 @@ class FrankaArm:
         duration = number("duration", duration)
         rows: list[proto.ArmState] = []
         with self.states(fields=["robot.message_id", "robot.q", "robot.O_T_EE", "skill_id"]) as states:
+            states.receive()  # the server knows of this reader: from here on none is missed
             if guidance:
                 self.selective_guidance_mode(duration, block=False, skill_desc=skill_desc, **guidance)
             else:

@@ -73,11 +73,11 @@ template <class T>
 class RingReader {
  public:
   // From what is pushed next.
-  explicit RingReader(const Ring<T>& ring) : RingReader(ring, 0) {}
-  // And from `past` elements before it, or as many as there are.
-  RingReader(const Ring<T>& ring, std::uint64_t past) : ring_(&ring) {
+  explicit RingReader(const Ring<T>& ring) : RingReader(ring, ring.written()) {}
+  // From the element that was pushed as number `first`, or the oldest that is there.
+  RingReader(const Ring<T>& ring, std::uint64_t first) : ring_(&ring) {
     const std::uint64_t written = ring.written();
-    next_ = written - std::min<std::uint64_t>({past, written, ring.capacity() - 1});
+    next_ = std::max(first, written - std::min<std::uint64_t>(written, ring.capacity() - 1));
   }
 
   // False when there is no other yet.

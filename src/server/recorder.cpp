@@ -112,7 +112,8 @@ void Recorder::run() {
     if (!wanted()) {
       close(running_);
     } else if (!running_ && Clock::now() >= retry_) {
-      start(skill_wanted() ? box_.records.written() - skill_began_ + kBeforeSkill : 0);
+      // From the skill's begin on, however late it is: states come while the file is opened.
+      start(skill_wanted() ? Recording::Options{kBeforeSkill, kIdleStep, skill_began_} : Recording::Options{0, kIdleStep});
     }
     look_after_black_box();
     write(running_);
@@ -121,7 +122,7 @@ void Recorder::run() {
     if (running_ && (running_->size() > config_.file_mb * kBytesPerMB ||
                      Clock::now() - started_ > std::chrono::duration<double>(60 * config_.file_minutes))) {
       close(running_);
-      start(0);  // nothing twice
+      start({0, kIdleStep});  // nothing twice
     }
     {
       const std::lock_guard lock(mutex_);
@@ -209,10 +210,10 @@ bool Recorder::skill_wanted() const {
          watched_.position() - skill_last_seen_ < kAfterSkill && Clock::now() - heard_ < kSilence;
 }
 
-void Recorder::start(std::uint64_t past) {
+void Recorder::start(const Recording::Options& options) {
   const char* what = skill_wanted() ? "skill" : "all";
   try {
-    running_ = std::make_unique<Recording>(box_, folder_.new_file(what), Recording::Options{past, kIdleStep}, about(arm_, what));
+    running_ = std::make_unique<Recording>(box_, folder_.new_file(what), options, about(arm_, what));
     started_ = Clock::now();
     const std::lock_guard lock(mutex_);
     status_.clear_error();

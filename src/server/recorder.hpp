@@ -60,7 +60,7 @@ class Recorder {
   void watch();
   bool wanted() const;
   bool skill_wanted() const;
-  void start(std::uint64_t past);
+  void start(const Recording::Options& options);
   void look_after_black_box();
   void write(std::unique_ptr<Recording>& recording);
   void look_after_disk();

@@ -4,6 +4,7 @@
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/descriptor.pb.h>
 
+#include <algorithm>
 #include <set>
 
 #include "server/clocks.hpp"
@@ -15,6 +16,12 @@ namespace {
 namespace pb = google::protobuf;
 
 constexpr std::int64_t kCycle = 1'000'000;  // ns
+
+// The number of the record to begin with.
+std::uint64_t first_of(const BlackBox& box, const Recording::Options& options) {
+  const std::uint64_t then = options.then.value_or(box.records.written());
+  return then - std::min(options.past, then);
+}
 
 // The type's file and all that it imports, each after its own imports.
 std::string descriptors_of(const pb::Descriptor& type) {
@@ -37,11 +44,12 @@ Recording::Recording(const BlackBox& box, const std::filesystem::path& path, con
       path_(path),
       options_(options),
       file_(path),
-      records_(box.records, options.past),
+      records_(box.records, first_of(box, options)),
       place_(options.past > 0 ? box.journal.begin() : box.journal.end()) {
   file_.add_metadata("recording", about);
   flushed_ns_ = now_ns();
-  oldest_ns_ = flushed_ns_ - static_cast<std::int64_t>(options.past) * kCycle;
+  const std::uint64_t written = box.records.written();
+  oldest_ns_ = flushed_ns_ - static_cast<std::int64_t>(options.past + written - options.then.value_or(written)) * kCycle;
 }
 
 void Recording::write() {

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 
 #include "frankapy/proto/state.pb.h"
@@ -16,8 +17,9 @@ namespace server {
 class Recording {
  public:
   struct Options {
-    std::uint64_t past = 0;      // records from before now to begin with, and what the journal has of that time
+    std::uint64_t past = 0;       // records from before then to begin with, and what the journal has of that time
     std::uint64_t idle_step = 1;  // of states in which the robot holds itself, one in so many
+    std::optional<std::uint64_t> then{};  // how many records there were; not said: now
   };
 
   // `about`: told in the file's metadata. The file must not exist yet.

@@ -232,7 +232,7 @@ def test_what_a_hand_shows_the_arm_does(fa, ideal_arm, tmp_path):
     p = s**3 * (10 - 15 * s + 6 * s**2)
     way = np.outer(p, [0.05, 0.15, -0.08]) + np.outer(4 * p * (1 - p), [0, 0, 0.06])
     shown = lead(ideal_arm, fa, way, 4)
-    assert shown.duration == pytest.approx(7.2, abs=0.2)
+    assert 7 <= shown.duration < 7.2
     motion = shown.trimmed().smooth()
     assert np.linalg.norm(motion.positions[-1] - motion.positions[0] - way[-1]) < 0.03
 

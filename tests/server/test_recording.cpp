@@ -103,6 +103,17 @@ TEST_F(RecordingTest, BeginsInThePast) {
   EXPECT_NEAR(recording.time(), 1.009, 1e-9);
 }
 
+// States that come between the decision to record and the open file are not taken for the past.
+TEST_F(RecordingTest, BeginsBeforeARecord) {
+  cycles(4000);
+  Recording recording(box_, folder_ / "a.mcap", {.past = 1000, .then = 1500}, {});
+  recording.write();
+  EXPECT_EQ(recording.states(), 3500u);
+  Recording all(box_, folder_ / "b.mcap", {.past = 1000, .then = 200}, {});
+  all.write();
+  EXPECT_EQ(all.states(), 4000u);
+}
+
 TEST_F(RecordingTest, WhatIsOverwrittenIsCounted) {
   Recording recording(box_, folder_ / "a.mcap", {}, {});
   cycles(BlackBox::kRecords + 100);
@@ -127,7 +138,7 @@ TEST_F(RecordingTest, EachSkillHasItsFile) {
   EXPECT_TRUE(files().empty());
   cycles(500);
   ASSERT_TRUE(wait_for([&] { return recorder.ask({}).open(); }));
-  ASSERT_TRUE(wait_for([&] { return !recorder.ask({}).open(); }));  // half a second after the last
+  ASSERT_TRUE(wait_for([&] { return !recorder.ask({}).open(); }));  // as no more states come
   ASSERT_EQ(files().size(), 1u);
   const auto lines = read(files()[0]);
   EXPECT_GE(count(lines, "/states"), 500u);

@@ -185,10 +185,12 @@ def gripper_stop():
 
     mover = threading.Thread(target=move)
     mover.start()
-    while hand.read_once().width < 0.002:
-        time.sleep(0.01)
-    hand.stop()
-    mover.join()
+    try:
+        while hand.read_once().width < 0.002:
+            time.sleep(0.01)
+    finally:  # the next attempt, after a computer that stood still, finds a hand that nobody moves
+        hand.stop()
+        mover.join()
     if "abort" not in ends[0]:
         raise AssertionError(f"the move ended with {ends[0]} at {hand.read_once().width} m")
 
