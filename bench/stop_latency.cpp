@@ -12,8 +12,10 @@
 
 #include "bench/percentile.hpp"
 #include "server/publisher.hpp"
+#include "server/realtime_setup.hpp"
 #include "server/recorder.hpp"
 #include "server/sensor_hub.hpp"
+#include "server/sockets.hpp"
 #include "server/transport.hpp"
 #include "tests/server/skills.hpp"
 
@@ -52,10 +54,16 @@ class Client {
   std::uint64_t id_ = 0;
 };
 
+proto::Request unreachable_goal() {
+  proto::Request request;
+  *request.mutable_start_skill()->mutable_skill() = server::skill_of(server::pose_motion(3, 0, 0), proto::CartesianImpedance());
+  return request;
+}
+
 }  // namespace
 
 int main() {
-  zmq::context_t context, others;
+  zmq::context_t context = server::preferred_context(), others, own;
   server::BlackBox box;
   realtime::Door door(box.records);
   server::Publisher publisher(context, "127.0.0.1", 0, door, nullptr);
@@ -65,7 +73,10 @@ int main() {
   std::atomic<bool> quit{false};
   std::atomic<bool> bad{true};
   std::vector<std::thread> threads, clients;
-  threads.emplace_back([&] { transport.run(quit); });
+  threads.emplace_back([&] {
+    const server::Preferred preferred;
+    transport.run(quit);
+  });
   threads.emplace_back([&] {
     auto record = server::record_at_home();
     for (auto next = Clock::now(); !quit; std::this_thread::sleep_until(next += 1ms)) {
@@ -90,8 +101,7 @@ int main() {
   for (int i = 0; i < kBadClients; ++i) {
     clients.emplace_back([&] {
       Client client(others, transport.endpoint());
-      proto::Request request;
-      *request.mutable_start_skill()->mutable_skill() = server::skill_of(server::pose_motion(3, 0, 0), proto::CartesianImpedance());
+      proto::Request request = unreachable_goal();
       for (int n = 0; n < kGoalsAhead; ++n) client.send(request);
       while (bad) {
         client.receive();
@@ -100,17 +110,19 @@ int main() {
       }
     });
   }
-  Client stopper(others, transport.endpoint());
+  Client stopper(own, transport.endpoint());
   while (answered < 10 * kBadClients) std::this_thread::sleep_for(1ms);
 
-  proto::Request stop;
+  proto::Request stop, goal = unreachable_goal();
   stop.mutable_stop_skill();
   std::vector<double> ms;
   const auto began = Clock::now();
   const std::uint64_t before = answered, built = transport.workbench().finished();
   for (int n = 0; n < kStops; ++n) {
     std::this_thread::sleep_for(2ms);
-    const std::uint64_t last = door.stop_up_to;  // which grows, as skills are asked for all the time
+    stopper.send(goal);  // so that there is a skill which is not yet stopped
+    stopper.receive();
+    const std::uint64_t last = door.stop_up_to;
     const auto sent = Clock::now();
     stopper.send(stop);
     while (door.stop_up_to == last) std::this_thread::yield();

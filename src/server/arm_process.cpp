@@ -27,6 +27,7 @@
 #include "server/sensor_hub.hpp"
 #include "server/sign_of_life.hpp"
 #include "server/skill_builder.hpp"
+#include "server/sockets.hpp"
 #include "server/transport.hpp"
 #include "server/wakeful_clock.hpp"
 
@@ -65,6 +66,7 @@ class ArmProcess {
   ArmProcess(const ArmConfig& config, const RecordingsConfig& recordings, const ArmOptions& options, BlackBox& box)
       : config_(config),
         options_(options),
+        context_(preferred_context()),
         door_(box.records),
         gripper_(config.gripper ? std::make_unique<Gripper>(config.address) : nullptr),
         publisher_(context_, options.listen, options.state_port, door_, gripper_.get()),
@@ -76,7 +78,10 @@ class ArmProcess {
   int run() {
     spdlog::info("requests at {}, states at {}", transport_.endpoint(), publisher_.endpoint());
     realtime_ = prepare_process();
-    std::thread transport([this] { transport_.run(transport_quit_); });
+    std::thread transport([this] {
+      const Preferred preferred;
+      transport_.run(transport_quit_);
+    });
     std::thread robot([this] { keep_connected(); });
     watch();
     quit_ = true;

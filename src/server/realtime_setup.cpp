@@ -135,4 +135,8 @@ void prepare_thread(int index, std::optional<int> processor, bool realtime, Real
   }
 }
 
+// Of Linux these are of a thread, where POSIX has the process.
+Preferred::Preferred() : nice_(getpriority(PRIO_PROCESS, 0)) { setpriority(PRIO_PROCESS, 0, -10); }
+Preferred::~Preferred() { setpriority(PRIO_PROCESS, 0, nice_); }
+
 }  // namespace server

@@ -23,6 +23,19 @@ RealtimeReport prepare_process();
 // memory. Adds to the report what came of it.
 void prepare_thread(int index, std::optional<int> processor, bool realtime, RealtimeReport& report);
 
+// While it lives, the calling thread, and those that it makes, go before the ordinary ones of this computer (nice -10), where that
+// is permitted: a stop on its way to the loop's door should not wait for those who compute. Not real-time, so that a flood of
+// requests takes nothing from the network.
+class Preferred {
+ public:
+  Preferred();
+  ~Preferred();
+  Preferred(const Preferred&) = delete;
+
+ private:
+  int nice_;
+};
+
 // Numbers in a list of the kernel's form "2-3,7".
 std::vector<int> parse_cpu_list(const std::string& text);
 

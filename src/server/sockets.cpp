@@ -11,6 +11,8 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "server/realtime_setup.hpp"
+
 namespace server {
 namespace {
 
@@ -89,6 +91,13 @@ void ConnectionLimit::look() {
     spdlog::warn("{} has {} connections, as many as it may: {} more were ended. Does a program open them and not close them?", endpoint_,
                  most_, ended_);
   }
+}
+
+zmq::context_t preferred_context() {
+  const Preferred preferred;
+  zmq::context_t context;
+  zmq::socket_t(context, zmq::socket_type::pair);  // with the first, its thread begins
+  return context;
 }
 
 }  // namespace server

@@ -39,4 +39,7 @@ class ConnectionLimit {
   std::uint64_t ended_ = 0;
 };
 
+// A context whose own thread goes before ordinary ones, where that is permitted (Preferred).
+zmq::context_t preferred_context();
+
 }  // namespace server
