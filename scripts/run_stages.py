@@ -150,7 +150,8 @@ def read_junit(folder: Path) -> tuple[int, dict[str, str]]:
                 name = f"{case.get('classname', '')}.{case.get('name')}" if file.stem != "ctest" else case.get("name")
                 said = [f"{part.get('message') or ''}\n{part.text or ''}" for part in wrong]
                 said += [part.text or "" for part in case.iter("system-out")]
-                failed[name] = last_lines("\n".join(said))
+                told = last_lines("\n".join(said))
+                failed[name] = f"{failed[name]}\n{told}" if name in failed else told  # pytest: its end, too, may be an error
     return count, failed
 
 

@@ -124,8 +124,10 @@ def test_a_stage_that_cannot_write_its_log_fails_and_says_why_and_the_next_runs(
 
 def test_an_arm_of_another_run_is_named_where_a_stage_fails(stages):
     with subprocess.Popen(["fci-sim", "1000"], executable="/bin/sleep") as other:
-        _, printed = stages.run("passes", "fails")
-        other.kill()
+        try:
+            _, printed = stages.run("passes", "fails")
+        finally:
+            other.kill()
     told = re.findall(rf"^this computer after (.*): .*fci-sim \(process {other.pid}\).* of other runs", printed, re.MULTILINE)
     assert told == ["fails"]
 

@@ -25,7 +25,7 @@ def make_setup(tmp_path):
     (tmp_path / "python").chmod(0o755)
 
     def run() -> tuple[int, str]:
-        command = ["make", "setup", f"VENV={tmp_path / 'venv'}", f"PYTHON={tmp_path / 'python'}"]
+        command = ["make", "--no-print-directory", "setup", f"VENV={tmp_path / 'venv'}", f"PYTHON={tmp_path / 'python'}"]
         done = subprocess.run(
             command, cwd=REPOSITORY, env=OUTSIDE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
         )
