@@ -29,7 +29,10 @@ JUNIT := $(CURDIR)/$(BUILD)/junit
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: $(VENV)/.frankapy ## install what is missing: system packages, .venv, frankapy in it
+setup: ## install what is missing: system packages, .venv, frankapy in it
+	@if test -e $(VENV) && ! { test -e $(VENV)/.frankapy && ! $(CONTENTS) | LC_ALL=C comm -13 - $(VENV)/.frankapy | grep -m 1 .; }; then \
+	  echo "$(VENV) is not whole: it is made anew."; rm -f $(VENV)/.installed; fi
+	@$(MAKE) --no-print-directory $(VENV)/.frankapy
 
 build: $(BUILD)/build.ninja ## configure and compile programs and tests
 	cmake --build $(BUILD) -j $(JOBS) -- -k 0
@@ -109,15 +112,22 @@ clean: ## remove what was built (not .venv)
 packages:
 	@scripts/install_packages.sh
 
+# What is in .venv, and which Python it is for; all but what comes of use.
+CONTENTS = { $(VENV)/bin/python -c 'import sys; print(sys.version_info[:2])'; \
+  find $(VENV)/bin $(VENV)/lib -type f ! -name '*.pyc' -printf '%s %p\n'; } 2> /dev/null | LC_ALL=C sort
+
 $(VENV)/.installed: requirements.lock requirements-meshes.lock | packages
+	@test -d $(VENV) || rm -f $(VENV)
 	$(PYTHON) -m venv --clear $(VENV)
-	$(VENV)/bin/python -m pip install --disable-pip-version-check --no-compile --no-deps --require-hashes \
-	  -r requirements.lock -r requirements-meshes.lock
+	@echo "Installing requirements.lock in $(VENV)"
+	@$(VENV)/bin/python -m pip install --disable-pip-version-check --no-compile --no-deps --require-hashes \
+	  -r requirements.lock -r requirements-meshes.lock || { echo "Not installed in $(VENV): what pip names above, and all after \
+	it. Where it found \"versions: none\" it reached no package index: let there be a network, then do the same again." >&2; false; }
 	@touch $@
 
 $(VENV)/.frankapy: $(VENV)/.installed python/pyproject.toml
 	$(VENV)/bin/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation --quiet -e python
-	@touch $@
+	@$(CONTENTS) > $@
 
 $(BUILD)/build.ninja: $(VENV)/.installed
 	cmake -S . -B $(BUILD) -G Ninja

@@ -70,13 +70,17 @@ NIGHTLY = [
 
 @dataclasses.dataclass
 class Outcome:
-    """What came of a stage: its tests by name with what the failed ones said, and what it printed last if it failed."""
+    """What came of a stage: its tests by name with what the failed ones said, and what it printed last if it failed.
+
+    `troubles`: what was wrong with this computer when it had failed.
+    """
 
     stage: Stage
     seconds: float = 0
     tests: int = 0
     failed: dict[str, str] = dataclasses.field(default_factory=dict)
     again: list[str] = dataclasses.field(default_factory=list)
+    troubles: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def verdict(self) -> str:
@@ -146,7 +150,8 @@ def read_junit(folder: Path) -> tuple[int, dict[str, str]]:
                 name = f"{case.get('classname', '')}.{case.get('name')}" if file.stem != "ctest" else case.get("name")
                 said = [f"{part.get('message') or ''}\n{part.text or ''}" for part in wrong]
                 said += [part.text or "" for part in case.iter("system-out")]
-                failed[name] = last_lines("\n".join(said))
+                told = last_lines("\n".join(said))
+                failed[name] = f"{failed[name]}\n{told}" if name in failed else told  # pytest: its end, too, may be an error
     return count, failed
 
 
@@ -184,19 +189,24 @@ def run(stage: Stage) -> Outcome:
     outcome = Outcome(stage)
     for attempt in range(stage.tries):
         left = 2 * stage.allowed - (time.monotonic() - start)
-        status = run_make(stage.target, log, junit, attempt > 0, max(left, 1))
-        count, failed = read_junit(junit)
+        try:
+            status = run_make(stage.target, log, junit, attempt > 0, max(left, 1))
+            count, failed = read_junit(junit)
+            said = last_lines(log.read_text(errors="replace")) or "its log is empty"
+        except OSError as error:  # a full disk, for one
+            status, count, failed, said = 1, 0, {}, str(error)
         if attempt == 0:
             outcome.tests = count
         if status is None:
-            failed[f"make {stage.target}"] = f"ended after {2 * stage.allowed:g} s\n" + last_lines(log.read_text(errors="replace"))
+            failed[f"make {stage.target}"] = f"ended after {2 * stage.allowed:g} s\n{said}"
         elif status != 0 and not failed:
-            failed[f"make {stage.target}"] = last_lines(log.read_text(errors="replace"))
+            failed[f"make {stage.target}"] = said
         outcome.failed = failed
         if not failed or status is None or not count:
             break
         if attempt + 1 < stage.tries:
             outcome.again = sorted({*outcome.again, *failed})
+    outcome.troubles = troubles() if outcome.failed else []
     outcome.tests = max(outcome.tests, len(outcome.failed), 1)
     outcome.seconds = time.monotonic() - start
     return outcome
@@ -205,19 +215,22 @@ def run(stage: Stage) -> Outcome:
 def troubles() -> list[str]:
     """What is wrong with this computer that may have made stages fail."""
     found = []
-    for folder, needed in ((REPOSITORY, 4e9), (Path("/dev/shm"), 2e8), (Path("/tmp"), 1e9)):
+    for folder, needed in ((REPOSITORY, 4e9), (Path("/dev/shm"), 1e6), (Path("/tmp"), 1e9)):
         try:
             if (free := shutil.disk_usage(folder).free) < needed:
-                found.append(f"{folder} has {free / 1e6:.0f} MB left; some {needed / 1e6:.0f} MB are needed")
+                found.append(f"{folder} has {free / 1e6:.0f} MB left; some {needed / 1e6:.0f} MB are needed: make room there")
         except OSError as error:
             found.append(f"{folder}: {error.strerror}")
+    others = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
-            program, *arguments = (process / "cmdline").read_text().split("\0")
+            program = Path((process / "cmdline").read_text(errors="replace").partition("\0")[0]).name
         except OSError:
             continue
-        if Path(program).name in ("fci-sim", "franka-interface"):
-            found.append(f"left over from another run: process {process.name}, {Path(program).name} {' '.join(arguments)}")
+        if program in ("fci-sim", "franka-interface"):
+            others.append(f"{program} (process {process.name})")
+    if others:
+        found.append(f"{', '.join(others)} of other runs take processor time; what such a run has left over: `kill` its process")
     return found
 
 
@@ -245,11 +258,10 @@ def report(outcomes: list[Outcome], seconds: float) -> None:
     for outcome in outcomes:
         for name in outcome.failed:
             print(f"failed: {outcome.stage.target}: {name}")
+        for trouble in outcome.troubles:
+            print(f"this computer after {outcome.stage.target}: {trouble}")
         for name in outcome.again:
             print(f"needed a second try: {name}")
-    if any(outcome.failed for outcome in outcomes):
-        for trouble in troubles():
-            print(f"this computer: {trouble}")
     failed = sum(len(o.failed) for o in outcomes)
     print(f"{sum(o.tests for o in outcomes) - failed} passed, {failed} failed")
 
@@ -270,7 +282,6 @@ def main() -> int:
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, stopped)
-    FOLDER.mkdir(parents=True, exist_ok=True)
     subprocess.run(["ccache", "--zero-stats"], capture_output=True, check=False) if shutil.which("ccache") else None
 
     start, outcomes, interrupted = time.monotonic(), [], False

@@ -710,7 +710,9 @@ def free_address(arms: int = 1) -> str:
             return f"{start}{first}"
         except OSError:
             continue
-    raise FrankaArmException("No free address in 127.0.0.0/8 was found in 100 attempts.")
+    raise FrankaArmException(
+        f"None of 100 addresses in 127.0.0.0/8 has a robot's ports {FCI_PORT} to {CONTROL_PORT} free: end what listens on them at 0.0.0.0."
+    )
 
 
 def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: float = 10.0) -> np.ndarray:

@@ -48,7 +48,11 @@ def environment(name: str, version: str) -> Path:
             print(f"installing {name} {version} in {folder}", flush=True)
             subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
             install = [folder / "bin" / "python", "-m", "pip", "install", "--no-compile", "--no-deps", "--quiet"]
-            subprocess.run([*install, "--disable-pip-version-check", "-r", PINS / f"{name}-{version}.txt"], check=True)
+            install += ["--disable-pip-version-check", "-r", PINS / f"{name}-{version}.txt"]
+            done = subprocess.run(install, stderr=subprocess.PIPE, text=True, check=False)
+            if done.returncode != 0:
+                why = [line for line in done.stderr.splitlines() if "ERROR" in line] or [done.stderr]
+                raise OSError(f"pip could not install {name} {version} (is the network there?): {' '.join(why)}")
             stamp.touch()
     return folder / "bin" / "python"
 
@@ -61,7 +65,7 @@ def simulated_arm(fci_sim: str | Path, *options: str) -> Iterator[str]:
         try:
             while "ready" not in arm.stdout.readline():
                 if arm.poll() is not None:
-                    sys.exit("fci-sim did not start")
+                    raise OSError(f"fci-sim did not start on {address}")
             yield address
         finally:
             arm.terminate()
@@ -80,10 +84,11 @@ def is_taken(address: str, port: int) -> bool:
 
 def free_address() -> str:
     """A loopback address on which nobody has a robot's ports."""
-    while True:
+    for _ in range(100):
         address = ".".join(["127", *(str(random.randint(1, 254)) for _ in range(3))])
         if not (is_taken(address, 1337) or is_taken(address, 1338)):
             return address
+    raise OSError("ports 1337 and 1338 are taken at all of 100 loopback addresses: end what listens on them at 0.0.0.0")
 
 
 if __name__ == "__main__":  # the Python of `peer.py NAME VERSION`, for those that are no Python

@@ -88,14 +88,18 @@ def starting(request, tmp_path_factory):
 
     An arm writes a truth file, 15 MB in a second of lockstep, where its module says TRUTH_FILE = True or start() is told to.
     """
+    started = []
     with ExitStack() as running:
 
         def start(truth: bool = getattr(request.module, "TRUTH_FILE", False), **options) -> Arm:
             truth = tmp_path_factory.mktemp("truth") / "truth.npy" if truth else None
             simulation = running.enter_context(Simulation(SimulatedArm(lockstep=True, truth=truth, **options)))
+            started.append(simulation)
             return Arm(simulation, truth)
 
         yield start
+        for simulation in started:
+            simulation.check()  # one that has ended says why
 
 
 start = pytest.fixture(starting)

@@ -114,6 +114,24 @@ def test_a_stage_that_fails_hides_no_later_one(stages):
     assert last_line(printed) == "2 passed, 2 failed"
 
 
+def test_a_stage_that_cannot_write_its_log_fails_and_says_why_and_the_next_runs(stages):
+    (stages.folder / "build" / "stages" / "passes.log").mkdir(parents=True)  # as little to be written to as a full disk
+    status, printed = stages.run("passes", "counts")
+    assert status == 1
+    assert re.search(r"--- passes: make passes\n.*Is a directory: .*passes.log", printed)
+    assert table(printed) == {"passes": (1, 1, "FAILED"), "counts": (2, 1, "FAILED")}
+
+
+def test_an_arm_of_another_run_is_named_where_a_stage_fails(stages):
+    with subprocess.Popen(["fci-sim", "1000"], executable="/bin/sleep") as other:
+        try:
+            _, printed = stages.run("passes", "fails")
+        finally:
+            other.kill()
+    told = re.findall(rf"^this computer after (.*): .*fci-sim \(process {other.pid}\).* of other runs", printed, re.MULTILINE)
+    assert told == ["fails"]
+
+
 def test_where_all_pass_the_status_is_0(stages):
     status, printed = stages.run("passes")
     assert (status, last_line(printed)) == (0, "1 passed, 0 failed")

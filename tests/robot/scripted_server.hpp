@@ -8,6 +8,7 @@
 
 #include <random>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,10 @@ class ScriptedServer {
                  std::to_string(part(random));
       listening_ = bound(SOCK_STREAM, port);
       if (listening_ >= 0) break;
+    }
+    if (listening_ < 0) {
+      throw std::runtime_error("port " + std::to_string(port) +
+                               " is taken at all of 100 loopback addresses: end what listens on it at 0.0.0.0");
     }
     ::listen(listening_, 4);
     udp_ = bound(SOCK_DGRAM, 0);

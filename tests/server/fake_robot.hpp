@@ -8,31 +8,16 @@
 
 #include <atomic>
 #include <chrono>
-#include <random>
 #include <string>
 #include <thread>
 
 #include "models/arm.hpp"
+#include "tests/sim/free_address.hpp"
 #include "wire/fci/service.hpp"
 
 namespace server {
 
-// A loopback address that nobody uses: the FCI's ports are fixed, so each robot needs one of its own.
-inline std::string free_address() {
-  std::random_device random;
-  for (;;) {
-    const std::string address = "127." + std::to_string(2 + random() % 200) + "." + std::to_string(random() % 250) +
-                                "." + std::to_string(1 + random() % 250);
-    sockaddr_in name{.sin_family = AF_INET, .sin_port = htons(fci::kRobotPort), .sin_addr = {}, .sin_zero = {}};
-    inet_pton(AF_INET, address.c_str(), &name.sin_addr);
-    const int fd = socket(AF_INET, SOCK_STREAM, 0);
-    const int on = 1;
-    setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-    const bool is_free = bind(fd, reinterpret_cast<sockaddr*>(&name), sizeof name) == 0;
-    close(fd);
-    if (is_free) return address;
-  }
-}
+using testing_tools::free_address;  // the FCI's ports are fixed, so each robot needs one of its own
 
 // As much of a FER (protocol 5) as connecting needs: it accepts one client after another, sends states of
 // an arm that holds itself at home, and refuses every request.

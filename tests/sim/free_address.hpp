@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <random>
+#include <stdexcept>
 #include <string>
 
 namespace testing_tools {
@@ -24,11 +25,12 @@ inline bool is_free(const std::string& address, std::uint16_t port) {
 inline std::string free_address() {
   static std::mt19937 random{std::random_device{}()};
   std::uniform_int_distribution<> part(1, 254);
-  for (;;) {
+  for (int attempt = 0; attempt < 100; ++attempt) {
     const std::string address =
         "127." + std::to_string(part(random)) + "." + std::to_string(part(random)) + "." + std::to_string(part(random));
     if (is_free(address, 1337) && is_free(address, 1338)) return address;
   }
+  throw std::runtime_error("ports 1337 and 1338 are taken at all of 100 loopback addresses: end what listens on them at 0.0.0.0");
 }
 
 }  // namespace testing_tools
