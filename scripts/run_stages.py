@@ -79,7 +79,7 @@ class Outcome:
     seconds: float = 0
     tests: int = 0
     failed: dict[str, str] = dataclasses.field(default_factory=dict)
-    again: list[str] = dataclasses.field(default_factory=list)
+    again: dict[str, str] = dataclasses.field(default_factory=dict)  # needed a further try, and what they said then
     troubles: list[str] = dataclasses.field(default_factory=list)
 
     @property
@@ -205,7 +205,7 @@ def run(stage: Stage) -> Outcome:
         if not failed or status is None or not count:
             break
         if attempt + 1 < stage.tries:
-            outcome.again = sorted({*outcome.again, *failed})
+            outcome.again |= failed
     outcome.troubles = troubles() if outcome.failed else []
     outcome.tests = max(outcome.tests, len(outcome.failed), 1)
     outcome.seconds = time.monotonic() - start
@@ -248,6 +248,9 @@ def compiler_cache() -> str:
 def report(outcomes: list[Outcome], seconds: float) -> None:
     """The table, what failed and why, and as the last line what counts."""
     for outcome in outcomes:
+        for name, said in outcome.again.items():
+            if name not in outcome.failed:
+                print(f"\n--- {outcome.stage.target}: {name}, of which a further try passed\n{said}")
         for name, said in outcome.failed.items():
             print(f"\n--- {outcome.stage.target}: {name}\n{said}")
     print(f"\n{'stage':18}{'tests':>7}{'failed':>8}{'s':>8}{'of':>7}")

@@ -382,7 +382,7 @@ class FrankaArm:
                 position=goal[:3, 3], quaternion=_quaternion(goal), duration=number("duration", duration)
             ),
             _pose_controller(use_impedance, cartesian_impedances, joint_impedances),
-            [_end(proto.FinalPose(), force_thresholds, torque_thresholds), _time_after(buffer_time)],
+            [_end(proto.FinalPose(judged=proto.FinalJoint.ARM), force_thresholds, torque_thresholds), _time_after(buffer_time)],
             skill_desc,
             block,
             ignore_errors,
@@ -440,7 +440,7 @@ class FrankaArm:
                 duration=number("duration", duration),
             ),
             _pose_controller(use_impedance, cartesian_impedances, joint_impedances),
-            [_end(proto.FinalPose(), force_thresholds, torque_thresholds), _time_after(buffer_time)],
+            [_end(proto.FinalPose(judged=proto.FinalJoint.ARM), force_thresholds, torque_thresholds), _time_after(buffer_time)],
             skill_desc,
             block,
             ignore_errors,

@@ -162,6 +162,8 @@ class Motions:
         if result.wall:
             logger.warning("%s was held back by the wall %r.", motion.name, result.wall)
         if result.ending in _GOOD_ENDINGS:
+            if result.message:
+                logger.warning("%s has ended, but %s", motion.name, result.message)
             return
         text = f"{motion.name} ended with {proto.Ending.Name(result.ending)}: {result.message or ', '.join(result.errors)}"
         if not ignore_errors:

@@ -14,10 +14,10 @@ constexpr double kApproach = 20;       // 1/s, at which a joint may come near to
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is looked at
 constexpr double kEndMargin = 0.02;    // rad before the end of the range where pushing back begins at the latest
 constexpr double kFullPush = 0.03;     // rad, over which pushing back rises to the greatest torque
-constexpr double kReturnSpeed = 0.2;   // rad/s of a joint that comes back to its reference from farther away than the next
-constexpr double kReturnFrom = 0.05;   // rad
-constexpr double kReturnShare = 1.2;   // of the reference's own speed, and more
-constexpr double kReturnEase = 40;     // 1/s, more speed where it is nearer than twice that
+constexpr double kReturnSpeed = 0.2;   // rad/s of a joint that comes back to its reference from
+constexpr double kReturnFrom = 0.1;    // rad, until it is nearer than
+constexpr double kReturned = 0.01;     // rad
+constexpr double kReturnShare = 1.3;   // of the reference's own speed, if that is more
 constexpr int kPasses = 4;             // through the joints, as each moves the others
 
 }  // namespace
@@ -30,7 +30,8 @@ JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {
 }
 
 bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c,
-                       const Lead& lead, Vector7& tau_J_d) const noexcept {
+                       const Lead& lead, Vector7& tau_J_d) noexcept {
+  returns_ = lead.away > (returns_ ? kReturned : kReturnFrom);
   // Along the way that each joint moves: its greatest speed here, and the acceleration that keeps to it.
   Vector7 sign, most;
   bool near = false, needed = false;
@@ -42,9 +43,8 @@ bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& mobil
     const double brake = kBrakeShare * limits_.ddq_max[i];
     const double brakable = std::sqrt(2 * brake * std::max(way, 0.));
     double greatest = std::min(allowed, brakable);
-    if (lead.away > kReturnFrom && sign[i] * (tau_J_d[i] - c[i]) > 0) {
-      const double nearer = std::max(2 * kReturnFrom - lead.away, 0.);
-      greatest = std::min(greatest, kReturnSpeed + kReturnShare * std::abs(lead.dq[i]) + kReturnEase * nearer);
+    if (returns_ && sign[i] * (tau_J_d[i] - c[i]) > 0) {
+      greatest = std::min(greatest, std::max(kReturnSpeed, kReturnShare * std::abs(lead.dq[i])));
     }
     most[i] = kApproach * (greatest - speed);
     if (brakable < allowed) most[i] -= brake * std::min(speed / std::max(brakable, 1e-3), 1.);

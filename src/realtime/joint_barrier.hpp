@@ -16,7 +16,7 @@ class JointBarrier {
   explicit JointBarrier(const models::Limits& limits);
 
   // How its reference moves (rad/s), and how far away from it the arm is (rad). One that is far, as something held it, goes
-  // back slowly; a hand that pushes it farther is not hindered.
+  // back slowly, all of the way; a hand that pushes it farther is not hindered.
   struct Lead {
     Vector7 dq = Vector7::Zero();
     double away = 0;
@@ -24,11 +24,12 @@ class JointBarrier {
 
   // Adds to tau_J_d, N m; `mobility` is joint_mobility() at q, c the Coriolis torque (N m). True if it had to.
   bool add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, const Lead& lead,
-           Vector7& tau_J_d) const noexcept;
+           Vector7& tau_J_d) noexcept;
 
  private:
   models::Limits limits_;
   Vector7 end_min_, end_max_;  // where pushing back begins, rad
+  bool returns_ = false;       // from afar, and is not there yet
 };
 
 }  // namespace realtime

@@ -8,6 +8,7 @@
 
 #include "realtime/rotation.hpp"
 #include "realtime/ruckig_planner.hpp"
+#include "realtime/tick.hpp"
 
 namespace realtime {
 namespace {
@@ -819,9 +820,8 @@ void Limiter::joints_follow(const JointsOfPose& joints, const JointsOfPose& ahea
 }
 
 bool Limiter::has_room() noexcept {
-  static constexpr double kCycle = 0.001;  // s
-  const auto on = [](const Part& part) { return Impl::PartStep{kCycle * part.velocity, part.velocity, Vector3::Zero()}; };
-  return impl_->along_admissible(on(impl_->translation), on(impl_->rotation), kCycle);
+  const auto on = [](const Part& part) { return Impl::PartStep{kTick * part.velocity, part.velocity, Vector3::Zero()}; };
+  return impl_->along_admissible(on(impl_->translation), on(impl_->rotation), kTick);
 }
 
 Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept {

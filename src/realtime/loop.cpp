@@ -484,6 +484,7 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
     result.stretch *= 1 + slowed_ / planned;
   }
   result.limited_cycles = limited_cycles_;
+  result.left = left(*skill);
   if (pushed_by_wall_ || gate_.walled()) result.wall = gate_.walls().wall();
   result.first_command_ns = first_command_ns_;
   result.last_cycle_ns = now_ns();
@@ -492,6 +493,17 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   post_result(result, *skill);
   skill_ = nullptr;
   if (ending != Ending::kTerminated) unfinished_ = skill->id;
+}
+
+// Of a skill that has come to rest.
+Left Loop::left(const Skill& skill) const noexcept {
+  const double planned = skill.trajectory->duration();
+  if (!(planned > 0 && std::isfinite(planned)) || !gate_.at_rest()) return {};
+  if (mode_.torque() && !skill.controller->leads()) return {};
+  const Reference& goal = skill.trajectory->goal();
+  if (goal.kind == ReferenceKind::kJoint) return {.joints = (goal.joint.q - cycle_.q).cwiseAbs().maxCoeff()};
+  const Vector6 way = change_between(at(cycle_.O_T_EE), goal.cartesian);
+  return {.position = way.head<3>().norm(), .angle = way.tail<3>().norm()};
 }
 
 // The waiting skill is over before it has begun.

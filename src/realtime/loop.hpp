@@ -10,6 +10,7 @@
 #include "realtime/path_clock.hpp"
 #include "realtime/rejoin.hpp"
 #include "realtime/robot_controllers/robot_controller.hpp"
+#include "realtime/tick.hpp"
 #include "realtime/torque_gate.hpp"
 #include "realtime/trajectories/min_jerk.hpp"
 #include "robot/driver.hpp"
@@ -40,8 +41,6 @@ class Loop {
   bool cycle() noexcept;
 
  private:
-  static constexpr double kTick = 0.001;  // s
-
   // The steps of a cycle, in order.
   bool receive() noexcept;
   void observe() noexcept;
@@ -59,6 +58,7 @@ class Loop {
 
   // Skills: each comes through the door once, gets one result, and is retired once.
   void end(Skill* skill, Ending ending) noexcept;
+  Left left(const Skill& skill) const noexcept;
   void drop_next(Ending ending, fci::Command refused = fci::Command::kMove,
                  fci::Status status = fci::Status::kSuccess) noexcept;
   void stop_running(Ending ending, int termination = -1) noexcept;

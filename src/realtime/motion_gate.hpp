@@ -5,6 +5,7 @@
 #include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
 #include "realtime/pose_joints.hpp"
+#include "realtime/tick.hpp"
 #include "realtime/walls/wall_guard.hpp"
 
 namespace realtime {
@@ -47,7 +48,6 @@ class MotionGate {
   WallGuard& walls() noexcept { return walls_; }
 
  private:
-  static constexpr double kTick = 0.001;  // s, a cycle of the robot
 
   bool way_to_rest_is_clear(const Reference& reference, double clearance) noexcept;
   Reference past_walls(const Reference& wanted) const noexcept;

@@ -15,13 +15,6 @@ constexpr double kElbowGain = 2;     // rad/s
 
 }  // namespace
 
-CartesianReference at(const Eigen::Isometry3d& O_T_EE) noexcept {
-  CartesianReference out;
-  out.position = O_T_EE.translation();
-  out.orientation = Eigen::Quaterniond(O_T_EE.linear());
-  return out;
-}
-
 void PoseJoints::step(const CartesianReference& pose, double dt) noexcept {
   joints_ = model_.joints_of_pose(joints_.q);
   joints_.q += joints_.dq_dP * change_between(at(joints_.O_T_EE), pose);

@@ -28,7 +28,4 @@ class PoseJoints {
   JointsOfPose joints_;
 };
 
-// A frame as a reference at rest.
-CartesianReference at(const Eigen::Isometry3d& O_T_EE) noexcept;
-
 }  // namespace realtime

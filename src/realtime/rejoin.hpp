@@ -2,6 +2,7 @@
 
 #include "realtime/reference.hpp"
 #include "realtime/rotation.hpp"
+#include "realtime/tick.hpp"
 
 namespace realtime {
 
@@ -61,7 +62,6 @@ class Rejoin {
 
  private:
   static constexpr double kDuration = 0.05;  // s
-  static constexpr double kTick = 0.001;     // s, a cycle of the robot
   static constexpr double kNothing = 1e-9;   // rad or m: steps over this within a cycle are rest for the limiter
 
   double left_ = 0;    // s

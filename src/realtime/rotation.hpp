@@ -79,4 +79,12 @@ inline Vector6 change_between(const CartesianReference& from, const CartesianRef
   return change;
 }
 
+// A frame as a reference at rest.
+inline CartesianReference at(const Eigen::Isometry3d& O_T_EE) {
+  CartesianReference out;
+  out.position = O_T_EE.translation();
+  out.orientation = Eigen::Quaterniond(O_T_EE.linear());
+  return out;
+}
+
 }  // namespace realtime

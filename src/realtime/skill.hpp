@@ -57,6 +57,11 @@ enum class Ending {
 };
 
 // How a skill ended.
+// How far an arm is from where it was to go: of its farthest joint (rad), or of its pose (m, rad); what there is.
+struct Left {
+  std::optional<double> joints = {}, position = {}, angle = {};
+};
+
 struct SkillResult {
   std::uint64_t skill_id = 0;
   Ending ending = Ending::kTerminated;
@@ -73,6 +78,7 @@ struct SkillResult {
   std::uint32_t wall = 0;        // Wall::id of the last one that held reference or torque back; 0: none
   std::optional<std::uint64_t> record = {};  // number in Door::records of the cycle that ended it, which comes after this;
                                              // none with kConnectionLost
+  Left left{};                   // to the trajectory's goal, for a controller that is to bring the arm there
   PartFault fault{};             // with kComponentFault: what, of which part; with kRobotError: its longest step
 };
 

@@ -4,11 +4,11 @@
 #include <cmath>
 
 #include "realtime/felt_inertia.hpp"
+#include "realtime/tick.hpp"
 
 namespace realtime {
 namespace {
 
-constexpr double kTick = 0.001;          // s, a cycle of the robot
 constexpr double kFloatRounding = 1e-5;  // of a state in protocol version 10
 
 constexpr double kHeldFrom = 0.05, kHeldAt = 0.1;  // rad away, between which the bound comes in

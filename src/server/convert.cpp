@@ -237,6 +237,9 @@ void convert(const realtime::SkillResult& result, proto::SkillResult& out) {
   out.set_message(explain(result));
   if (result.first_command_ns != 0) out.set_first_command_ns(result.first_command_ns);
   out.set_last_cycle_ns(result.last_cycle_ns);
+  if (result.left.joints) out.set_joints_left(*result.left.joints);
+  if (result.left.position) out.set_position_left(*result.left.position);
+  if (result.left.angle) out.set_angle_left(*result.left.angle);
 }
 
 }  // namespace server

@@ -112,6 +112,18 @@ std::string explain(const realtime::RecoveryResult& result) {
                      fci::name(result.status));
 }
 
+// What a person should know of an arm that has ended its motion elsewhere; empty where that is near.
+std::string explain(const realtime::Left& left) {
+  constexpr double kFarJoint = 0.05, kFar = 0.02, kFarAngle = 0.1;  // rad, m, rad: more than friction and a load leave
+  std::string how;
+  if (left.joints.value_or(0) > kFarJoint) how = fmt::format("{:.2f} rad", *left.joints);
+  if (left.position.value_or(0) > kFar || left.angle.value_or(0) > kFarAngle) {
+    how = fmt::format("{:.0f} mm and {:.2f} rad", 1e3 * *left.position, *left.angle);
+  }
+  if (how.empty()) return {};
+  return "the arm came to rest " + how + " away from its goal: does something hold it, do limits keep it from there, or are its gains too low?";
+}
+
 std::string set_up(zmq::socket_t& socket, const std::string& listen, std::uint16_t port) {
   socket.set(zmq::sockopt::linger, 200);
   socket.set(zmq::sockopt::maxmsgsize, kMaxMessage);
@@ -699,6 +711,9 @@ void Transport::end_skill(const realtime::SkillResult& result) {
     out.set_termination(terminations[result.termination]);
   }
   if (result.wall != 0) out.set_wall(walls_.name(result.wall));
+  if (out.ending() == proto::TERMINATED && (out.termination().empty() || out.termination() == "Time")) {
+    out.set_message(explain(result.left));
+  }
   realtime::Record record;
   if (result.record && door_.records.read(*result.record, record)) {
     *out.mutable_last_state() = publisher_.state(record);

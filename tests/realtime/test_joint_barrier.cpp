@@ -18,14 +18,14 @@ using testing_tools::SimulatedArm;
 class Barrier : public testing::TestWithParam<const char*> {
  protected:
   const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
-  const JointBarrier barrier{limits};
+  JointBarrier barrier{limits};
 
   // How far a joint that is pushed by this share of its greatest torque comes out of its range, rad, and by which share it
   // is too fast.
   struct Worst {
     double beyond = -10, speed = 0;
   };
-  Worst pushed(int joint, double share, bool with_barrier, double seconds = 1.5) const {
+  Worst pushed(int joint, double share, bool with_barrier, double seconds = 1.5) {
     SimulatedArm arm(GetParam(), Vector7::Map(models::kMotorInertia.data()));
     TorqueLimiter torque_limiter(limits);
     Worst worst;

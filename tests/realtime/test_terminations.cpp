@@ -84,10 +84,37 @@ TEST_F(Terminations, final_joint_looks_at_every_commanded_joint) {
   }
 }
 
-TEST_F(Terminations, final_pose_looks_at_the_measured_pose) {
+TEST_F(Terminations, final_joint_looks_at_the_arm_if_it_is_told_to) {
+  FinalJoint final({Vector7::Constant(1e-3), realtime::Judged::kArm});
+  const Progress progress{joints, false, reference};
+  reference.joint.q = goal_q;
+  arm.cycle.q = goal_q + Vector7::Constant(2e-3);
+  EXPECT_FALSE(final.step(arm.cycle, progress));
+  arm.cycle.q = goal_q;
+  reference.joint.q.setZero();
+  EXPECT_TRUE(final.step(arm.cycle, progress));
+}
+
+TEST_F(Terminations, final_pose_looks_at_reference_or_arm) {
+  const Eigen::Isometry3d here = arm.cycle.O_T_EE;
+  const MinJerkPose pose({here.translation(), Eigen::Quaterniond(here.linear()), 1}, limits);
+  FinalPose of_arm({Vector3::Constant(1e-3), 0.01, realtime::Judged::kArm}), of_reference({Vector3::Constant(1e-3), 0.01});
+  reference.kind = ReferenceKind::kCartesian;
+  reference.cartesian = realtime::at(here);
+  const Progress progress{pose, false, reference};
+  arm.cycle.O_T_EE.translation().x() += 2e-3;
+  EXPECT_FALSE(of_arm.step(arm.cycle, progress));
+  EXPECT_TRUE(of_reference.step(arm.cycle, progress));
+  arm.cycle.O_T_EE = here;
+  reference.cartesian.orientation = realtime::exp(0.02 * Vector3::UnitX()) * reference.cartesian.orientation;
+  EXPECT_TRUE(of_arm.step(arm.cycle, progress));
+  EXPECT_FALSE(of_reference.step(arm.cycle, progress));
+}
+
+TEST_F(Terminations, final_pose_looks_at_each_axis_and_the_angle) {
   const Vector3 position = arm.cycle.O_T_EE.translation();
   const Eigen::Quaterniond orientation(arm.cycle.O_T_EE.linear());
-  FinalPose final({Vector3(1e-3, 2e-3, 3e-3), 0.01});
+  FinalPose final({Vector3(1e-3, 2e-3, 3e-3), 0.01, realtime::Judged::kArm});
   EXPECT_FALSE(final.accepts(ReferenceKind::kJoint));
   const auto ends = [&](const Vector3& p, const Eigen::Quaterniond& R) {
     const MinJerkPose pose({p, R, 1}, limits);

@@ -7,13 +7,13 @@
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
 #include "realtime/felt_inertia.hpp"
+#include "realtime/tick.hpp"
 
 namespace realtime {
 namespace {
 
 using Eigen::MatrixXd;
 
-constexpr double kTick = 0.001;   // s
 constexpr double kMaxShift = 0.2;  // rad, of q_ref
 constexpr int kDoublings = 40;     // of the horizon: 2^40 cycles, were it not over long before
 

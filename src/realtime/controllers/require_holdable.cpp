@@ -3,11 +3,11 @@
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
+#include "realtime/tick.hpp"
 
 namespace realtime {
 
 void require_holdable(const Vector7& stiffness, const Vector7& damping, const Matrix7& inertia) {
-  constexpr double kTick = 0.001;  // s
   const Matrix7 mobility = Cholesky<models::kJoints>(inertia).inverse();
   for (int i = 0; i < models::kJoints; ++i) {
     const double m = 1 / mobility(i, i);

@@ -2,6 +2,7 @@
 
 #include "realtime/cycle.hpp"
 #include "realtime/limiter.hpp"
+#include "realtime/tick.hpp"
 #include "robot/mode.hpp"
 #include "wire/fci/robot_command.hpp"
 
@@ -37,9 +38,6 @@ class RobotController {
   // The command of a cycle; `before` is the reference one cycle before.
   virtual void write(const Reference& before, const Reference& reference, const Vector7& tau_J_d,
                      fci::RobotCommand& command) const noexcept = 0;
-
- protected:
-  static constexpr double kTick = 0.001;  // s, a cycle of the robot
 };
 
 // The one that a mode names; lives as long as the program.

@@ -1,14 +1,16 @@
 #pragma once
 
+#include "realtime/terminations/judged.hpp"
 #include "realtime/terminations/termination.hpp"
 
 namespace realtime {
 
-// Ends when every commanded joint is within its threshold of the trajectory's goal.
+// Ends when every joint is within its threshold of the trajectory's goal.
 class FinalJoint : public Termination {
  public:
   struct Parameters {
     Vector7 threshold;  // rad, >= 0
+    Judged judged = Judged::kReference;
   };
 
   // Throws std::invalid_argument naming field, value and bound.
@@ -19,6 +21,7 @@ class FinalJoint : public Termination {
 
  private:
   Vector7 threshold_;
+  Judged judged_;
 };
 
 }  // namespace realtime

@@ -29,6 +29,11 @@ realtime::WrenchAbove* wrench_above(realtime::WrenchAbove::Part part, const Mess
                                     m.frame() == proto::ForceAbove::BASE ? Frame::kBase : Frame::kStiffness, m.relative()});
 }
 
+template <class Message>
+realtime::Judged judged(const Message& m) {
+  return m.judged() == proto::FinalJoint::ARM ? realtime::Judged::kArm : realtime::Judged::kReference;
+}
+
 realtime::Terminations parts(const google::protobuf::RepeatedPtrField<google::protobuf::Any>& of, const realtime::Arm& arm) {
   if (of.empty()) throw std::invalid_argument("of is empty: expected at least one termination");
   realtime::Terminations parts;
@@ -45,10 +50,10 @@ std::vector<Kind<realtime::Termination>>& terminations() {
             {given(m.has_seconds(), m.seconds()), given(m.has_after_trajectory(), m.after_trajectory())});
       }),
       termination<proto::FinalJoint>([](const auto& m, const auto&) {
-        return new realtime::FinalJoint({vector<7>(m.threshold())});
+        return new realtime::FinalJoint({vector<7>(m.threshold()), judged(m)});
       }),
       termination<proto::FinalPose>([](const auto& m, const auto&) {
-        return new realtime::FinalPose({vector<3>(m.position_threshold()), m.orientation_threshold()});
+        return new realtime::FinalPose({vector<3>(m.position_threshold()), m.orientation_threshold(), judged(m)});
       }),
       termination<proto::Contact>([](const auto& m, const auto&) {
         return new realtime::Contact(

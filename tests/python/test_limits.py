@@ -1,0 +1,152 @@
+"""What keeps a real arm whole: speed limits of the configuration, people who hold it, packets that are lost; judged by the truth."""
+
+import numpy as np
+import pytest
+from conftest import HOME
+
+from frankapy import FrankaArm, proto
+from frankapy.parts import CartesianImpedance, InternalImpedance, JointImpedance, MinJerkJoint, RelativeMinJerkPose
+from frankapy.sim import Simulation
+
+TRUTH_FILE = True
+FASTEST = {"fer": [2.175] * 4 + [2.61] * 3, "fr3": [2.62] * 4 + [5.26, 4.18, 5.26]}  # rad/s, as in test_poses.py
+
+
+@pytest.fixture
+def start_with(start, monkeypatch):
+    """Return start() of an arm of which the server's configuration says more."""
+
+    def start_with(configuration: str, **options):
+        pair = Simulation._pair
+
+        def with_configuration(self, arm):
+            processor, loop = pair(self, arm)
+            return processor, loop + configuration
+
+        monkeypatch.setattr(Simulation, "_pair", with_configuration)
+        return start(truth=True, **options)
+
+    return start_with
+
+
+@pytest.mark.parametrize("robot", ["fr3", "fer"])
+def test_the_configured_speed_bounds_joints_and_poses_alike(start_with, robot):
+    arm = start_with("[arm.limits]\nvelocity = 0.1\n", robot=robot)
+    with arm.client() as fa:
+        for impedance in (True, False):
+            for go in (
+                lambda impedance=impedance: fa.goto_joints(np.array(HOME) + 0.2, 0.5, use_impedance=impedance),
+                lambda impedance=impedance: fa.goto_pose(home_pose(fa, [0.05, 0.2, -0.1]), 0.5, use_impedance=impedance),
+            ):
+                first = fa.get_arm_state().robot.message_id
+                go()
+                assert fa.last_skill_result.ending == proto.TERMINATED
+                share = np.abs(arm.truth(since=first)["dq"]) / FASTEST[robot]
+                assert 0.05 < share.max() < 0.115, share.max(axis=0)  # the arm swings about its reference
+
+
+def home_pose(fa: FrankaArm, translation):
+    """Return the tool's pose, and that far away from it (m)."""
+    pose = fa.get_pose()
+    pose.translation = pose.translation + translation
+    return pose
+
+
+THRESHOLDS = "".join(
+    f"{side}_{what}_thresholds = {[1000] * count}\n"
+    for side in ("lower", "upper")
+    for what, count in (("torque", 7), ("force", 6))
+)
+HELD = 3.0  # s
+
+
+@pytest.mark.parametrize("robot", ["fr3", "fer"])
+@pytest.mark.parametrize("of", ["joints", "pose"])
+def test_an_arm_that_is_held_does_not_leap_when_it_is_let_go(start_with, robot, of):
+    """200 N hold it where it is, for 3 s, while its target moves away; it then goes on as slowly as it was to."""
+    arm = start_with("[arm.collision]\n" + THRESHOLDS, robot=robot)
+    with arm.client() as fa:
+        fa.goto_joints(HOME, 2)
+        with arm.standing_still():
+            if of == "joints":
+                # Soft enough for 200 N to hold them.
+                fa.goto_joints(np.array(HOME) + [0.2, 0.2, 0, 0.2, 0, 0.2, 0], 4, block=False, use_impedance=True,
+                               k_gains=[300] * 4 + [100] * 3, d_gains=[30] * 4 + [8] * 3)  # fmt: skip
+            else:
+                fa.goto_pose(home_pose(fa, [0, 0.2, 0]), 6, block=False, use_impedance=True)
+            now = arm.simulation.truth()
+            arm.simulation.hand(now.O_T_TCP[:3, 3], 0.001, duration=HELD, stiffness=10_000, damping=200, max_force=200)
+        fa.wait_for_skill()
+        result = fa.last_skill_result
+        assert result.ending == proto.TERMINATED, result.message
+        rows = arm.truth(since=now.cycle)
+        force = np.linalg.norm(rows["push"][:, :3], axis=1)
+        held = rows["time"] - now.time < HELD
+        moved = np.linalg.norm(rows["O_T_TCP"].reshape(-1, 4, 4)[:, 3, :3] - now.O_T_TCP[:3, 3], axis=1)
+        assert force.max() > 20
+        assert moved[held].max() < 0.02, "it was held"
+        assert np.abs(rows["dq"]).max() < 0.3
+        assert moved[-1] > 0.1, "and went on"
+
+
+def test_an_arm_that_something_keeps_from_its_goal_says_how_far_away_it_is(start, caplog):
+    """A table in its way: the motion ends in its time, with a word of where the arm stands."""
+    with start(scene="table_with_block", ideal=True).client() as fa:
+        fa.goto_joints(HOME, 2)
+        pose = home_pose(fa, [0.2, -0.1, -0.15])
+        fa.goto_pose(pose, 2, use_impedance=True)
+        assert not fa.last_skill_result.message
+        assert fa.last_skill_result.position_left < 2e-3 and fa.last_skill_result.angle_left < 0.01
+        pose = home_pose(fa, [0, 0, -0.41])
+        fa.goto_pose(pose, 12, use_impedance=True, cartesian_impedances=[100, 100, 100, 30, 30, 30], ignore_virtual_walls=True)
+        result = fa.last_skill_result
+        assert result.ending == proto.TERMINATED
+        away = np.linalg.norm(fa.get_pose().translation - pose.translation)
+        assert result.position_left == pytest.approx(away, abs=2e-3) and away > 0.05
+        assert f"{1e3 * result.position_left:.0f} mm" in caplog.text and "away from its goal" in caplog.text
+
+
+NINE = {
+    "torque": JointImpedance(),
+    "joint_position": InternalImpedance(),
+    "joint_velocity": InternalImpedance(),
+    "cartesian_pose": InternalImpedance(),
+    "cartesian_velocity": InternalImpedance(),
+    "torque_and_joint_position": JointImpedance(),
+    "torque_and_joint_velocity": JointImpedance(),
+    "torque_and_cartesian_pose": CartesianImpedance(),
+    "torque_and_cartesian_velocity": CartesianImpedance(),
+}
+
+
+def lose_packets(arm, robot_controller: str, seconds: float) -> None:
+    """Move for so long (s) while one packet in twenty is lost each way: no error, inside the limits."""
+    with arm.client() as fa:
+        fa.goto_joints(HOME, 2)
+        arm.simulation.network(loss_in=0.05, loss_out=0.05)
+        try:
+            begin = fa.get_arm_state().robot.message_id
+            sign = 1
+            while fa.get_arm_state().robot.message_id - begin < 1000 * seconds:
+                if "cartesian" in robot_controller:
+                    way = RelativeMinJerkPose(sign * np.array([0.08, 0.12, -0.1]), duration=0.9)
+                else:
+                    way = MinJerkJoint(np.array(HOME) + (0.15 + sign * 0.15), 0.9)
+                result = fa.run(way, NINE[robot_controller], robot_controller=robot_controller)
+                assert result.ending == proto.TERMINATED, f"{robot_controller}: {result.message}"
+                sign = -sign
+        finally:
+            arm.simulation.network()
+
+
+@pytest.mark.parametrize("robot_controller", NINE)
+def test_lost_packets_end_no_motion(default_arm, robot_controller):
+    lose_packets(default_arm, robot_controller, 5)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("robot", ["fr3", "fer"])
+@pytest.mark.parametrize("robot_controller", NINE)
+def test_lost_packets_end_no_motion_in_a_minute(start, robot, robot_controller):
+    lose_packets(start(robot=robot, truth=False), robot_controller, 60)
