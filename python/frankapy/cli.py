@@ -24,6 +24,14 @@ from frankapy.utils import franka_pose_to_rigid_transform
 
 COMPAT = Path(__file__).resolve().parent / "compat"  # the folder that stands in for ROS
 _TITLES = {"fer": "FER (Panda)", "fr3": "FR3", "fr3v2": "FR3v2"}
+_NOT_TAKEN = {  # by the fields of the message
+    "wrong_size": "datagrams of the wrong size",
+    "bad_values": "states with values that are no numbers, or unknown modes",
+    "old": "states that were not newer than the last",
+    "foreign": "datagrams from another address",
+    "unsent": "commands that the network did not take",
+    "unasked": "answers that nobody had asked for",
+}
 _PHASES = {
     proto.CONNECTING: "connecting",
     proto.READY: "ready",
@@ -416,6 +424,8 @@ def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]
         rows.append(
             ("packets", f"{100 * robot.control_command_success_rate:.0f} % of the last 100 commands arrived in time")
         )
+    if not_taken := [f"{getattr(state.not_taken, field)} {what}" for field, what in _NOT_TAKEN.items() if getattr(state.not_taken, field)]:
+        rows.append(("not taken", ", ".join(not_taken) + "; since the robot was connected"))
     errors = list(robot.errors) or list(robot.reflex_reason)
     rows.append(("errors", ", ".join(errors) or "none"))
     return rows

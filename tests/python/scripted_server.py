@@ -20,6 +20,7 @@ class ScriptedServer:
         self.version = proto.CURRENT
         self.result = {"ending": proto.TERMINATED}
         self.silent = False
+        self.not_taken = proto.NotTaken()
         self.forgets_clients = False
         self.refusals: list[proto.Error] = []  # one for each of the next StartSkill
         self.phase = proto.READY
@@ -86,7 +87,7 @@ class ScriptedServer:
             self._send(identity, number, error=error)
         elif kind == "get_state":
             robot = proto.RobotState(q=HOME, O_T_EE=[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3, 0, 0.5, 1])
-            self._send(identity, number, state=proto.ArmState(phase=self.phase, robot=robot))
+            self._send(identity, number, state=proto.ArmState(phase=self.phase, robot=robot, not_taken=self.not_taken))
         elif kind == "start_skill" and self.refusals:
             self._send(identity, number, error=self.refusals.pop(0))
         elif kind == "start_skill" and any(s[1] == identity for s in self._running) and not request.start_skill.preempt:

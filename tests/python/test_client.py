@@ -23,6 +23,7 @@ from frankapy import (
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
     RigidTransform,
+    cli,
     connection,
     proto,
 )
@@ -437,6 +438,15 @@ def test_what_was_lost_with_its_server_is_told_once(what):
         wait_until(lambda: is_done(arm))
         arm.goto_joints(HOME, 1)
         arm.close()
+
+
+def test_status_names_what_of_the_robot_was_not_taken(server, capsys):
+    assert cli.main(["status", "--server", server.address]) == 0
+    assert "not taken" not in capsys.readouterr().out
+    server.not_taken = proto.NotTaken(bad_values=12, unsent=3)
+    assert cli.main(["status", "--server", server.address]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "not taken 12 states with values that are no numbers, or unknown modes, 3 commands that the network did not take" in told
 
 
 def test_a_read_whose_server_ended_asks_the_next_one():
