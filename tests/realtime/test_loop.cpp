@@ -90,6 +90,21 @@ struct BrokenTrajectory : MinJerkJoint {
   }
 };
 
+// Does not keep to what a trajectory promises.
+struct OddTrajectory : MinJerkJoint {
+  enum What { kLeaps, kNeverEnds, kIsOverAtOnce } what;
+  OddTrajectory(const Parameters& parameters, const models::Limits& limits, What w) : MinJerkJoint(parameters, limits), what(w) {}
+  double duration() const noexcept override {
+    return what == kNeverEnds ? INFINITY : what == kIsOverAtOnce ? 0 : MinJerkJoint::duration();
+  }
+  bool step(double time, Reference& reference) noexcept override {
+    if (what == kIsOverAtOnce) reference = goal();
+    const bool over = what == kIsOverAtOnce || MinJerkJoint::step(time, reference);
+    if (what == kLeaps && !over && std::fmod(time, 0.2) > 0.1) reference.joint.q[1] += 0.5;
+    return over && what != kNeverEnds;
+  }
+};
+
 // Of each role, one that does something from a time on.
 using Deed = void (*)();
 void allocate() { ::operator delete(::operator new(8)); }
@@ -804,6 +819,50 @@ TEST_F(LoopTest, WhatIsNotFiniteNeverLeaves) {
   give_internal();
   ASSERT_TRUE(until_result());
   EXPECT_EQ(results[2].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, TrajectoriesThatDoNotKeepTheirWordEndWithTheArmAtRest) {
+  for (const auto what : {OddTrajectory::kLeaps, OddTrajectory::kNeverEnds, OddTrajectory::kIsOverAtOnce}) {
+    for (const bool torque : {false, true}) {
+      SCOPED_TRACE(testing::Message() << what << (torque ? " torque" : " motion"));
+      auto trajectory = std::make_unique<OddTrajectory>(
+          MinJerkJoint::Parameters{robot.q() + Vector7::Constant(0.2), 0.6}, robot.limits, what);
+      std::unique_ptr<Controller> controller = std::make_unique<Internal>();
+      if (torque) controller = std::make_unique<JointImpedance>(gains());
+      const Vector7 goal = robot.q() + Vector7::Constant(0.2);
+      const std::uint64_t id = give(std::move(trajectory), std::move(controller));
+      if (what == OddTrajectory::kNeverEnds) {
+        cycles(1500);
+        door.stop_up_to = id;
+      }
+      ASSERT_TRUE(until_result());
+      EXPECT_EQ(results.back().ending, what == OddTrajectory::kNeverEnds ? Ending::kStopped : Ending::kTerminated);
+      EXPECT_EQ(last.phase, Phase::kHolding);
+      cycles(500);
+      EXPECT_LT((robot.q() - goal).cwiseAbs().maxCoeff(), 3e-3);
+      give_internal(-0.2, 0.6);
+      ASSERT_TRUE(until_result());
+      EXPECT_EQ(results.back().ending, Ending::kTerminated);
+      ASSERT_TRUE(until(Phase::kIdle));
+    }
+  }
+}
+
+TEST_F(LoopTest, AControllerThatAsksForAMillionNewtonMetresIsBoundedAndTheArmComesToRest) {
+  for (const double torque : {1e6, -1e6}) {
+    give(by(0, 0.6), std::make_unique<ConstantTorque>(torque), {}, std::make_unique<AfterTime>(0.5));
+    ASSERT_TRUE(until_result());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    ASSERT_TRUE(until(Phase::kIdle));
+    for (int i = 0; i < 7; ++i) {
+      EXPECT_GT(robot.q()[i], robot.limits.q_min[i]);
+      EXPECT_LT(robot.q()[i], robot.limits.q_max[i]);
+    }
+    give_internal(torque > 0 ? -0.05 : 0.05, 0.6);
+    ASSERT_TRUE(until_result());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    ASSERT_TRUE(until(Phase::kIdle));
+  }
 }
 
 // The loop of a server that counts, and where the loop is.
