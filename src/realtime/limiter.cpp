@@ -215,7 +215,7 @@ struct Limiter::Impl : Motion {
   Motion doubt;    // of the robot, if it has not got the last outputs
   bool in_doubt = false;
 
-  bool has_along = false;
+  bool has_along = false, along_robots = true;
   JointsOfPose along;
   Matrix76 along_change = Matrix76::Zero();  // of along.dq_dP in a second of the present motion
   double along_determinant = 1, along_nearing = 0;  // its size, and how much it shrinks in a second of that
@@ -535,7 +535,7 @@ struct Limiter::Impl : Motion {
     if (drift_excess(P) > 1) return false;
     const double time = stop_time(linear.velocity, angular.velocity);
     const double nearing = along_nearing * faster(P);
-    if (nearing > 0 && along_determinant - nearing * (time / 2 + kAlongDelay) < kLeastDeterminant) return false;
+    if (along_robots && nearing > 0 && along_determinant - nearing * (time / 2 + kAlongDelay) < kLeastDeterminant) return false;
     constexpr int kSamples = 4;
     for (int i = 0; i < kJoints; ++i) {
       if (!(std::abs(a[i]) <= kAlongShare * limits.ddq_max[i]) || !(std::abs(j[i]) <= kAlongShare * limits.dddq_max[i])) {
@@ -805,8 +805,9 @@ void Limiter::reset(const Reference& from) noexcept {
   m.before = m;
 }
 
-void Limiter::joints_follow(const JointsOfPose& joints, const JointsOfPose& ahead) noexcept {
+void Limiter::joints_follow(const JointsOfPose& joints, const JointsOfPose& ahead, bool robots) noexcept {
   Impl& m = *impl_;
+  m.along_robots = robots;
   m.along = joints;
   m.along_change = (ahead.dq_dP - joints.dq_dP) / m.ahead;
   const double here = determinant(joints), there = determinant(ahead);

@@ -15,7 +15,7 @@ namespace realtime {
 // The robot also judges the joints that it moves along with a pose. They are its own choice, so that this can only
 // foresee them, with a margin: from the map of one to the other where they are, and where they would come to rest. Next to
 // a singularity the map changes so fast that a constant velocity of the pose accelerates joints; a pose goes only as fast
-// there as leaves room to brake, and stops before.
+// there as leaves room to brake, and stops before one if the robot makes the joints.
 //
 // A reference that obeys is passed on unchanged. Any other is followed with a time-optimal, jerk-limited
 // motion (Ruckig) until it can be passed on again; and every output leaves room to brake inside the
@@ -31,8 +31,9 @@ class Limiter {
   void reset(const Reference& from) noexcept;
 
   // For a pose that the robot's joints are to follow: to be called before each step, until reset() begins something new.
-  // `ahead` is the map at joints_ahead(joints.q).
-  void joints_follow(const JointsOfPose& joints, const JointsOfPose& ahead) noexcept;
+  // `ahead` is the map at joints_ahead(joints.q). `robots`: the robot makes the joints, of which nobody knows how it damps them
+  // next to a singularity; ours go through one where the pose asks for nothing that they cannot do there.
+  void joints_follow(const JointsOfPose& joints, const JointsOfPose& ahead, bool robots = true) noexcept;
 
   // About where the joints that follow a pose would be halfway to rest.
   Vector7 joints_ahead(const Vector7& q) const noexcept;

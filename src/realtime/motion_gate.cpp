@@ -40,7 +40,7 @@ void MotionGate::observe(const Reference& reference, const Vector7* q_d) noexcep
     joints_ = pose_joints_.joints();
   }
   if (reference.kind == ReferenceKind::kCartesian) {
-    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)));
+    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)), q_d != nullptr);
   }
 }
 

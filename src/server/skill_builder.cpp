@@ -231,7 +231,7 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   if (kind == ReferenceKind::kJoint) {
     check_joint_path(skill->trajectory, trajectory, start);
   } else {
-    check_cartesian_path(skill->trajectory, trajectory, start, arm.q);
+    check_cartesian_path(skill->trajectory, trajectory, start, arm.q, skill->mode.cartesian());
   }
   return skill;
 }
@@ -303,7 +303,7 @@ void SkillBuilder::check_bodies(std::span<const Vector7> way, const std::string&
 }
 
 void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& trajectory, const std::string& kind,
-                                        const Reference& from, const Vector7& q) {
+                                        const Reference& from, const Vector7& q, bool robots) {
   const double duration = trajectory->duration();
   const auto check = [&](int sample, const Eigen::Isometry3d& pose, const Vector7& from) {
     const Reach result = reach(*model_, limits_, pose, from);
@@ -325,10 +325,10 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
   if (!(duration > 0 && std::isfinite(duration))) return;
   // Every pose of it is reached by some joints; now those with which the arm goes from one to the next. The elbow gives way in the
   // time that it has, so that a way which gets another pace is gone along once more.
-  SampledWay way = way_of_poses(*trajectory, kind, q, nullptr);
+  SampledWay way = way_of_poses(*trajectory, kind, q, nullptr, robots);
   auto pace = pace_along(way, limits_, kPoseShare);
   if (pace) {
-    way = way_of_poses(*trajectory, kind, q, &*pace);
+    way = way_of_poses(*trajectory, kind, q, &*pace, robots);
     pace = pace_along(way, limits_, kPoseShare);
   }
   slow_down(trajectory, std::move(pace), from);
@@ -336,7 +336,7 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
 }
 
 SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std::string& kind, const Vector7& q,
-                                      const realtime::Pace* pace) {
+                                      const realtime::Pace* pace, bool robots) {
   SampledWay way{trajectory.duration(), {}, {}};
   const int samples = samples_of(way.duration);
   realtime::PoseJoints joints(*model_, limits_);
@@ -351,7 +351,7 @@ SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std
     for (int step = 0; step < steps; ++step) joints.step(reference.cartesian, time / steps);
     way.q.push_back(joints.joints().q);
     check_joints_of_pose(way.q.back(), reference, kind, 100. * sample / samples);
-    way.rate.push_back(rate_with_room(reference, model_->joints_of_pose(way.q.back())));
+    way.rate.push_back(rate_with_room(reference, model_->joints_of_pose(way.q.back()), robots));
     if (way.rate.back() > 0) continue;
     refuse(fmt::format("{}: {:.0f} % on, its path leads too near to a singular posture of the arm or to the end of a joint's range "
                        "to come to rest before it, [{:.4f}] rad; {}",
@@ -360,14 +360,14 @@ SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std
   return way;
 }
 
-double SkillBuilder::rate_with_room(Reference pose, const realtime::JointsOfPose& joints) {
+double SkillBuilder::rate_with_room(Reference pose, const realtime::JointsOfPose& joints, bool robots) {
   const realtime::Vector6 velocity = pose.cartesian.velocity;
   pose.cartesian.acceleration.setZero();
   const auto has_room = [&](double rate) {
     pose.cartesian.velocity = rate * velocity;
     limiter_.reset(pose);
-    limiter_.joints_follow(joints, joints);
-    limiter_.joints_follow(joints, model_->joints_of_pose(limiter_.joints_ahead(joints.q)));
+    limiter_.joints_follow(joints, joints, robots);
+    limiter_.joints_follow(joints, model_->joints_of_pose(limiter_.joints_ahead(joints.q)), robots);
     return limiter_.has_room();
   };
   if (has_room(1 / kRoomShare)) return 1;

@@ -284,7 +284,7 @@ def test_force_ends_the_skill_at_the_table(start):
     arm = start(scene="table_with_block")
     with arm.client() as fa:
         fa.run(MinJerkJoint(HOME, 1))
-        down = RelativeMinJerkPose([0.2, -0.1, -0.6], frame="base", duration=80)  # gently
+        down = RelativeMinJerkPose([0.1, -0.2, -0.6], frame="base", duration=80)  # gently
         for until, kind in [
             (ForceAbove(8, axis="z"), "ForceAbove"),
             (ForceAbove(8, relative=True), "ForceAbove"),
@@ -316,7 +316,7 @@ def test_thresholds_of_frankapy_end_motions_at_a_contact(start):
     with start(scene="table_with_block").client() as fa:
         fa.goto_joints(HOME, 2)
         pose = fa.get_pose()
-        pose.translation += [0.2, -0.1, -0.6]
+        pose.translation += [0.1, -0.2, -0.6]
         for arguments in ({"force_thresholds": [10] * 6}, {"force_thresholds": np.full(6, 12.0), "torque_thresholds": []}):
             fa.goto_pose(pose, 8, ignore_virtual_walls=True, **arguments)
             assert fa.last_skill_result.termination == "Contact"
