@@ -39,9 +39,10 @@ READY_TIME = 10.0  # s that an arm may need to recover
 
 _ALIVE_PERIOD = 0.2  # s; the server frees the lease of a client that is silent for much longer
 _SILENCE = 3.0  # s without an answer after which the server is taken for gone
+_ASK_AGAIN = 0.5  # s
 _START_TIME = 10.0  # s that an arm's process may need to be ready
 _CLOCK_QUESTIONS = 10
-_END_TIME = 1.0  # s that the supervisor may need to say how an arm's process ended
+_END_TIME = 1.0  # s that the supervisor may need to say how an arm's process ended, or to be there again
 _MAX_REQUEST = 8 << 20  # bytes; a longer one would end its connection (kMaxMessage of src/server/transport.cpp)
 
 _EXCEPTIONS = {
@@ -98,8 +99,12 @@ def list_arms(server: str | None = None) -> list[proto.Arms.Arm]:
     try:
         dealer.linger = 0
         dealer.connect(f"tcp://{host}:{port}")
-        dealer.send(proto.Request(request_id=1, list_arms=proto.ListArms()).SerializeToString())
-        if not dealer.poll(int(1000 * _SILENCE)):
+        deadline = time.monotonic() + _SILENCE
+        answered = False
+        while not answered and time.monotonic() < deadline:  # a server that was about to end may have taken a question with it
+            dealer.send(proto.Request(request_id=1, list_arms=proto.ListArms()).SerializeToString())
+            answered = bool(dealer.poll(int(1000 * _ASK_AGAIN)))
+        if not answered:
             raise FrankaArmCommException(
                 f"Something listens at {host}:{port} but does not answer as franka-interface does: is it another "
                 f"program, or another version of it?"
@@ -430,9 +435,20 @@ class Connection:
             # Nothing else is sent twice: a motion might be made twice.
             if not (call.was_unknown or (call.was_lost and call.kind in _REPEATABLE)):
                 raise
-            call = self.send(request)
+            call = self._send_to_the_next(request)
             call.first()
         return call
+
+    def _send_to_the_next(self, request: proto.Request) -> Call:
+        # Between two servers there may be a moment without any.
+        deadline = time.monotonic() + _END_TIME
+        while True:
+            try:
+                return self.send(request)
+            except FrankaArmCommException:
+                if self._closed or time.monotonic() > deadline:
+                    raise
+            time.sleep(0.05)
 
     def ask(self, request: proto.Request) -> proto.Reply:
         """Return the first answer to a request; see `start`."""

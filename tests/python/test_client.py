@@ -449,7 +449,8 @@ def test_status_names_what_of_the_robot_was_not_taken(server, capsys):
     assert "not taken 12 states with values that are no numbers, or unknown modes, 3 commands that the network did not take" in told
 
 
-def test_a_read_whose_server_ended_asks_the_next_one():
+def test_a_read_whose_server_ended_asks_the_next_one(monkeypatch):
+    monkeypatch.setattr(connection, "_SILENCE", 60)  # s: it is not for its silence that the first is left
     joints = []
     with ScriptedServer() as server:
         arm = FrankaArm(server=server.address)
