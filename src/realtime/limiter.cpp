@@ -1,6 +1,5 @@
 #include "realtime/limiter.hpp"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -110,15 +109,6 @@ Vector6 twist(const Vector3& linear, const Vector3& angular) {
   Vector6 out;
   out << linear, angular;
   return out;
-}
-
-// Of the Jacobian whose inverse the map is: of the joints that go along.
-double determinant(const JointsOfPose& joints) {
-  constexpr int kElbow = 2;
-  Eigen::Matrix<double, 6, 6> inverse;
-  inverse.topRows<kElbow>() = joints.dq_dP.topRows<kElbow>();
-  inverse.bottomRows<6 - kElbow>() = joints.dq_dP.bottomRows<6 - kElbow>();
-  return 1 / inverse.partialPivLu().determinant();
 }
 
 std::size_t places_on(double way, std::size_t most) {
@@ -810,7 +800,7 @@ void Limiter::joints_follow(const JointsOfPose& joints, const JointsOfPose& ahea
   m.along_robots = robots;
   m.along = joints;
   m.along_change = (ahead.dq_dP - joints.dq_dP) / m.ahead;
-  const double here = determinant(joints), there = determinant(ahead);
+  const double here = joints.determinant, there = ahead.determinant;
   m.along_determinant = std::abs(here);
   m.along_nearing = (m.along_determinant - std::copysign(there, here * there)) / m.ahead;
   if (m.has_along) return;
@@ -821,6 +811,7 @@ void Limiter::joints_follow(const JointsOfPose& joints, const JointsOfPose& ahea
 }
 
 bool Limiter::has_room() noexcept {
+  if (impl_->along_robots && impl_->along_determinant < kLeastDeterminant) return false;
   const auto on = [](const Part& part) { return Impl::PartStep{kTick * part.velocity, part.velocity, Vector3::Zero()}; };
   return impl_->along_admissible(on(impl_->translation), on(impl_->rotation), kTick);
 }

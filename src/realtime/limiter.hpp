@@ -39,7 +39,7 @@ class Limiter {
   Vector7 joints_ahead(const Vector7& q) const noexcept;
 
   // Whether the joints that follow a pose keep their limits, and have room to come to rest, if it goes on with the velocity that
-  // it has.
+  // it has; those that a robot makes have none next to a singularity.
   bool has_room() noexcept;
 
   // Next output for what is wanted in this cycle; dt in s. True if it had to hold something back.

@@ -1,5 +1,6 @@
 #include "realtime/model.hpp"
 
+#include <Eigen/LU>
 #include <array>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/jacobian.hpp>
@@ -234,6 +235,7 @@ JointsOfPose Model::joints_of_pose(const Vector7& q) noexcept {
   JointsOfPose out;
   out.q = q;
   out.O_T_EE = O_T_EE;
+  out.determinant = J.partialPivLu().determinant();
   out.dq_dP.topRows<kElbow>() = inverse.topRows<kElbow>();
   out.dq_dP.bottomRows<kJoints - 1 - kElbow>() = inverse.bottomRows<kJoints - 1 - kElbow>();
   out.null_motion = Vector7::Unit(kElbow) - out.dq_dP * elbow;

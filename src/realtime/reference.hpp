@@ -32,6 +32,7 @@ struct JointsOfPose {
   Vector7 q = Vector7::Zero();              // rad
   Matrix76 dq_dP = Matrix76::Zero();  // dq = dq_dP O_dP_EE
   Eigen::Isometry3d O_T_EE = Eigen::Isometry3d::Identity();  // at q
+  double determinant = 0;  // of the Jacobian of the joints that go along, undamped; 0.037 at home
   Vector7 null_motion = Vector7::Zero();  // that leaves EE at rest while the elbow moves by 1
 };
 

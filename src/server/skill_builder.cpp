@@ -348,7 +348,7 @@ SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std
     const std::size_t k = static_cast<std::size_t>(sample);
     const double time = sample == 0 ? 0 : pace ? pace->places[k].time - pace->places[k - 1].time : way.duration / samples;
     const int steps = sample == 0 ? kFirstSteps : kSteps;
-    for (int step = 0; step < steps; ++step) joints.step(reference.cartesian, time / steps);
+    for (int step = 0; step < steps; ++step) joints.step(reference.cartesian, robots ? 0 : time / steps);  // a robot's elbow stays
     way.q.push_back(joints.joints().q);
     check_joints_of_pose(way.q.back(), reference, kind, 100. * sample / samples);
     way.rate.push_back(rate_with_room(reference, model_->joints_of_pose(way.q.back()), robots));
