@@ -34,9 +34,8 @@ using realtime::Vector7;
 constexpr std::size_t kMaxDescription = 1024;  // bytes
 constexpr int kMostTerminations = 16;
 constexpr int kPathSamples = 8;
-constexpr double kSampleTime = 0.01;  // s, about, between the places of a way that are looked at
-constexpr int kLeastSamples = 200, kMostSamples = 2000;
-constexpr int kBodyStep = 2;  // one place in so many is looked at for walls and the arm itself
+constexpr double kSampleTime = 0.02;  // s, about, between the places of a way that are looked at
+constexpr int kLeastSamples = 100, kMostSamples = 1000;
 constexpr int kSteps = 3;     // of inverse kinematics from one place to the next, of a way of poses
 constexpr int kFirstSteps = 20;  // to its first, which an arm is beside that does not follow exactly
 constexpr double kMissed = 5e-3;         // m, rad
@@ -275,7 +274,7 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
     }
   }
   if (!(duration > 0 && std::isfinite(duration))) return;
-  // Joints within their own limits may move EE faster than the robot allows.
+  // Joints within their own limits may move EE faster than the robot allows: then they are slowed down there.
   SampledWay way{duration, {}, {}};
   const int samples = samples_of(duration);
   realtime::Vector3 last;
@@ -295,11 +294,8 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
 // The arm's own, and walls.
 void SkillBuilder::check_bodies(std::span<const Vector7> way, const std::string& kind) const {
   if (!walls_) return;
-  std::vector<Vector7> places;
-  for (std::size_t k = 0; k < way.size(); k += kBodyStep) places.push_back(way[k]);
-  places.push_back(way.back());
-  check_self_collision(walls_->arm, places, kind);
-  check_walls(*walls_, *wall_names_, places, kind);
+  check_self_collision(walls_->arm, way, kind);
+  check_walls(*walls_, *wall_names_, way, kind);
 }
 
 void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& trajectory, const std::string& kind,
