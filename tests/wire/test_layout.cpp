@@ -117,6 +117,43 @@ TEST_P(Layout, HasNoFieldThatTheVendorsHeadersLack) {
 
 INSTANTIATE_TEST_SUITE_P(Versions, Layout, testing::Values(5, 10));
 
+// Which member a field of the table is.
+class MembersOf : public Visitor<MembersOf> {
+ public:
+  explicit MembersOf(Version version) : Visitor(version) {}
+  template <class Wire, class T>
+  void field(const char* name, T& member) {
+    of[name] = &member;
+  }
+  std::map<std::string, const void*> of;
+};
+
+// Client and simulated arm share the table: two members that had changed places in it would be seen by others alone.
+TEST(Members, EachFieldIsTheMemberOfItsName) {
+  RobotState s;
+  RobotCommand c;
+  MembersOf state(kNewestVersion), command(kNewestVersion);
+  walk(state, s);
+  walk(command, c);
+#define STATE(name) {#name, &s.name}
+  const std::map<std::string, const void*> members = {
+      STATE(message_id), STATE(O_T_EE), STATE(O_T_EE_d), STATE(F_T_EE), STATE(EE_T_K), STATE(F_T_NE), STATE(NE_T_EE),
+      STATE(m_ee), STATE(I_ee), STATE(F_x_Cee), STATE(m_load), STATE(I_load), STATE(F_x_Cload), STATE(elbow), STATE(elbow_d),
+      STATE(tau_J), STATE(tau_J_d), STATE(dtau_J), STATE(q), STATE(q_d), STATE(dq), STATE(dq_d), STATE(ddq_d),
+      STATE(joint_contact), STATE(cartesian_contact), STATE(joint_collision), STATE(cartesian_collision),
+      STATE(tau_ext_hat_filtered), STATE(O_F_ext_hat_K), STATE(K_F_ext_hat_K), STATE(O_dP_EE_d), STATE(O_ddP_O),
+      STATE(elbow_c), STATE(delbow_c), STATE(ddelbow_c), STATE(O_T_EE_c), STATE(O_dP_EE_c), STATE(O_ddP_EE_c), STATE(theta),
+      STATE(dtheta), STATE(accelerometer_top), STATE(accelerometer_bottom), STATE(motion_generator_mode),
+      STATE(controller_mode), STATE(errors), STATE(reflex_reason), STATE(robot_mode), STATE(control_command_success_rate)};
+  EXPECT_EQ(state.of, members);
+#define COMMAND(group, name) {#group "." #name, &c.name}
+  const std::map<std::string, const void*> of_command = {
+      {"message_id", &c.message_id}, COMMAND(motion, q_c), COMMAND(motion, dq_c), COMMAND(motion, O_T_EE_c),
+      COMMAND(motion, O_dP_EE_c), COMMAND(motion, elbow_c), COMMAND(motion, valid_elbow),
+      COMMAND(motion, motion_generation_finished), COMMAND(control, tau_J_d), COMMAND(control, torque_command_finished)};
+  EXPECT_EQ(command.of, of_command);
+}
+
 class EveryVersion : public testing::TestWithParam<int> {
  protected:
   Version version() const { return static_cast<Version>(GetParam()); }
