@@ -14,7 +14,8 @@ Limiter::Limiter(const models::Limits&) : impl_(std::make_unique<Impl>()) {}
 Limiter::~Limiter() = default;
 
 void Limiter::reset(const Reference& from) noexcept { impl_->last = from; }
-void Limiter::joints_follow(const JointsOfPose&, const JointsOfPose&) noexcept {}
+void Limiter::joints_follow(const JointsOfPose&, const JointsOfPose&, bool) noexcept {}
+bool Limiter::has_room() noexcept { return true; }
 Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept { return q; }
 
 bool Limiter::follow(const Reference& wanted, double, Reference& out) noexcept {
@@ -52,7 +53,7 @@ bool TorqueLimiter::limit(const Vector7& wanted, const Vector7&, double, Vector7
 }
 
 JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {}
-bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vector7&, const Lead&, Vector7&) const noexcept {
+bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vector7&, const Lead&, Vector7&) noexcept {
   return false;
 }
 

@@ -56,12 +56,12 @@ enum class Ending {
   kComponentFault,  // a part did what does not belong into the loop; the arm was brought to rest without it
 };
 
-// How a skill ended.
 // How far an arm is from where it was to go: of its farthest joint (rad), or of its pose (m, rad); what there is.
 struct Left {
   std::optional<double> joints = {}, position = {}, angle = {};
 };
 
+// How a skill ended.
 struct SkillResult {
   std::uint64_t skill_id = 0;
   Ending ending = Ending::kTerminated;
