@@ -74,10 +74,7 @@ int main() {
   std::atomic<bool> quit{false};
   std::atomic<bool> bad{true};
   std::vector<std::thread> threads, clients;
-  threads.emplace_back([&] {
-    const server::Preferred preferred;
-    transport.run(quit);
-  });
+  threads.emplace_back([&] { transport.run(quit); });
   threads.emplace_back([&] {
     auto record = server::record_at_home();
     for (auto next = Clock::now(); !quit; std::this_thread::sleep_until(next += 1ms)) {

@@ -48,7 +48,6 @@ class MotionGate {
   WallGuard& walls() noexcept { return walls_; }
 
  private:
-
   bool way_to_rest_is_clear(const Reference& reference, double clearance) noexcept;
   Reference past_walls(const Reference& wanted) const noexcept;
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "realtime/reference.hpp"
+#include "realtime/slow.hpp"
 
 namespace realtime {
 
@@ -31,12 +31,7 @@ class PathClock {
   double rate() const noexcept { return rate_; }
 
   // Derivatives by the time of the path become those by the robot's.
-  void slow(Reference& reference) const noexcept {
-    reference.joint.ddq = rate_ * rate_ * reference.joint.ddq + change_ * reference.joint.dq;
-    reference.joint.dq *= rate_;
-    reference.cartesian.acceleration = rate_ * rate_ * reference.cartesian.acceleration + change_ * reference.cartesian.velocity;
-    reference.cartesian.velocity *= rate_;
-  }
+  void slow(Reference& reference) const noexcept { realtime::slow(reference, rate_, change_); }
 
  private:
   static constexpr double kQuickness = 30;  // 1/s

@@ -78,10 +78,7 @@ class ArmProcess {
   int run() {
     spdlog::info("requests at {}, states at {}", transport_.endpoint(), publisher_.endpoint());
     realtime_ = prepare_process();
-    std::thread transport([this] {
-      const Preferred preferred;
-      transport_.run(transport_quit_);
-    });
+    std::thread transport([this] { transport_.run(transport_quit_); });
     std::thread robot([this] { keep_connected(); });
     watch();
     quit_ = true;

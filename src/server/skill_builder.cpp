@@ -345,13 +345,14 @@ SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std
     const double time = sample == 0 ? 0 : pace ? pace->places[k].time - pace->places[k - 1].time : way.duration / samples;
     const int steps = sample == 0 ? kFirstSteps : kSteps;
     for (int step = 0; step < steps; ++step) joints.step(reference.cartesian, robots ? 0 : time / steps);  // a robot's elbow stays
-    way.q.push_back(joints.joints().q);
-    check_joints_of_pose(way.q.back(), reference, kind, 100. * sample / samples);
-    way.rate.push_back(rate_with_room(reference, model_->joints_of_pose(way.q.back()), robots));
+    const realtime::JointsOfPose here = model_->joints_of_pose(joints.joints().q);
+    check_joints_of_pose(here, reference, kind, 100. * sample / samples);
+    way.q.push_back(here.q);
+    way.rate.push_back(rate_with_room(reference, here, robots));
     if (way.rate.back() > 0) continue;
     refuse(fmt::format("{}: {:.0f} % on, its path leads too near to a singular posture of the arm or to the end of a joint's range "
                        "to come to rest before it, [{:.4f}] rad; {}",
-                       kind, 100. * sample / samples, fmt::join(way.q.back(), ", "), kOtherWay));
+                       kind, 100. * sample / samples, fmt::join(here.q, ", "), kOtherWay));
   }
   return way;
 }
@@ -378,14 +379,16 @@ double SkillBuilder::rate_with_room(Reference pose, const realtime::JointsOfPose
 }
 
 // Joints with which the arm would come to a pose on its path, `percent` of the way on.
-void SkillBuilder::check_joints_of_pose(const Vector7& q, const Reference& pose, const std::string& kind, double percent) const {
+void SkillBuilder::check_joints_of_pose(const realtime::JointsOfPose& joints, const Reference& pose, const std::string& kind,
+                                        double percent) const {
+  const Vector7& q = joints.q;
   for (int i = 0; i < models::kJoints; ++i) {
     if (q[i] >= limits_.q_min[i] && q[i] <= limits_.q_max[i]) continue;
     refuse(fmt::format("{}: {:.0f} % on, its path would lead joint {} to {:.4f} rad: expected {} to {} rad, the limits of this "
                        "arm; {}",
                        kind, percent, i + 1, q[i], limits_.q_min[i], limits_.q_max[i], kOtherWay));
   }
-  const realtime::Vector6 left = realtime::change_between(realtime::at(model_->O_T_EE(q)), pose.cartesian);
+  const realtime::Vector6 left = realtime::change_between(realtime::at(joints.O_T_EE), pose.cartesian);
   if (left.head<3>().norm() > kMissed || left.tail<3>().norm() > kMissed) {
     refuse(fmt::format("{}: {:.0f} % on, its path leads through a singular posture of the arm, [{:.4f}] rad; {}", kind, percent,
                        fmt::join(q, ", "), kOtherWay));

@@ -11,6 +11,7 @@
 #include "server/convert.hpp"
 #include "server/gripper.hpp"
 #include "server/publisher.hpp"
+#include "server/realtime_setup.hpp"
 #include "server/recorder.hpp"
 #include "server/registry.hpp"
 #include "server/refused.hpp"
@@ -162,6 +163,7 @@ Transport::~Transport() {
 }
 
 void Transport::run(const std::atomic<bool>& quit) {
+  const Preferred preferred;
   while (!quit) {
     const bool busy = !running_.empty() || !gripping_.empty() || !recovering_.empty() || changing_;
     std::array<zmq::pollitem_t, 2> items = {{{socket_.handle(), 0, ZMQ_POLLIN, 0}, {nullptr, workbench_.fd(), ZMQ_POLLIN, 0}}};

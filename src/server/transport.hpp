@@ -57,7 +57,7 @@ class Transport {
 
   const std::string& endpoint() const { return endpoint_; }
 
-  // Serves until `quit`.
+  // Serves until `quit`; the thread goes before ordinary ones meanwhile (Preferred).
   void run(const std::atomic<bool>& quit);
 
   // From another thread: an arm is connected, and a loop is about to run at the door. `welcome` is what

@@ -13,6 +13,8 @@ from frankapy.sim import SimulatedArm, Simulation, die_with_parent, read_truth
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 HOME = np.array(FrankaConstants.HOME_JOINTS)
+# rad/s: of FER and, beyond its envelope, FR3 (frankarobotics.github.io, robot and interface specifications).
+FASTEST = {"fer": [2.175] * 4 + [2.61] * 3, "fr3": [2.62] * 4 + [5.26, 4.18, 5.26]}
 
 
 @pytest.fixture(scope="session", autouse=True)

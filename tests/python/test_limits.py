@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from conftest import HOME
+from conftest import FASTEST, HOME
 
 from frankapy import FrankaArm, proto
 from frankapy.parts import CartesianImpedance, InternalImpedance, JointImpedance, MinJerkJoint, RelativeMinJerkPose
 from frankapy.sim import Simulation
 
 TRUTH_FILE = True
-FASTEST = {"fer": [2.175] * 4 + [2.61] * 3, "fr3": [2.62] * 4 + [5.26, 4.18, 5.26]}  # rad/s, as in test_poses.py
 
 
 @pytest.fixture
@@ -36,7 +35,7 @@ def test_the_configured_speed_bounds_joints_and_poses_alike(start_with, robot):
         for impedance in (True, False):
             for go in (
                 lambda impedance=impedance: fa.goto_joints(np.array(HOME) + 0.2, 0.5, use_impedance=impedance),
-                lambda impedance=impedance: fa.goto_pose(home_pose(fa, [0.05, 0.2, -0.1]), 0.5, use_impedance=impedance),
+                lambda impedance=impedance: fa.goto_pose(beside(fa, [0.05, 0.2, -0.1]), 0.5, use_impedance=impedance),
             ):
                 first = fa.get_arm_state().robot.message_id
                 go()
@@ -45,8 +44,8 @@ def test_the_configured_speed_bounds_joints_and_poses_alike(start_with, robot):
                 assert 0.05 < share.max() < 0.115, share.max(axis=0)  # the arm swings about its reference
 
 
-def home_pose(fa: FrankaArm, translation):
-    """Return the tool's pose, and that far away from it (m)."""
+def beside(fa: FrankaArm, translation):
+    """Return the pose that far (m) from the tool's, turned as it is."""
     pose = fa.get_pose()
     pose.translation = pose.translation + translation
     return pose
@@ -73,7 +72,7 @@ def test_an_arm_that_is_held_does_not_leap_when_it_is_let_go(start_with, robot, 
                 fa.goto_joints(np.array(HOME) + [0.2, 0.2, 0, 0.2, 0, 0.2, 0], 4, block=False, use_impedance=True,
                                k_gains=[300] * 4 + [100] * 3, d_gains=[30] * 4 + [8] * 3)  # fmt: skip
             else:
-                fa.goto_pose(home_pose(fa, [0, 0.2, 0]), 6, block=False, use_impedance=True)
+                fa.goto_pose(beside(fa, [0, 0.2, 0]), 6, block=False, use_impedance=True)
             now = arm.simulation.truth()
             arm.simulation.hand(now.O_T_TCP[:3, 3], 0.001, duration=HELD, stiffness=10_000, damping=200, max_force=200)
         fa.wait_for_skill()
@@ -93,11 +92,11 @@ def test_an_arm_that_something_keeps_from_its_goal_says_how_far_away_it_is(start
     """A table in its way: the motion ends in its time, with a word of where the arm stands."""
     with start(scene="table_with_block", ideal=True).client() as fa:
         fa.goto_joints(HOME, 2)
-        pose = home_pose(fa, [0.2, -0.1, -0.15])
+        pose = beside(fa, [0.2, -0.1, -0.15])
         fa.goto_pose(pose, 2, use_impedance=True)
         assert not fa.last_skill_result.message
         assert fa.last_skill_result.position_left < 2e-3 and fa.last_skill_result.angle_left < 0.01
-        pose = home_pose(fa, [0, 0, -0.41])
+        pose = beside(fa, [0, 0, -0.41])
         fa.goto_pose(pose, 12, use_impedance=True, cartesian_impedances=[100, 100, 100, 30, 30, 30], ignore_virtual_walls=True)
         result = fa.last_skill_result
         assert result.ending == proto.TERMINATED

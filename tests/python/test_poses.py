@@ -4,15 +4,13 @@ import contextlib
 
 import numpy as np
 import pytest
-from conftest import HOME
+from conftest import FASTEST, HOME
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, RigidTransform, proto
 from frankapy.sim import SimulatedArm, Simulation
 
 TRUTH_FILE = True
 
-# rad/s: of FER and, beyond its envelope, FR3 (frankarobotics.github.io, robot and interface specifications).
-FASTEST = {"fer": [2.175] * 4 + [2.61] * 3, "fr3": [2.62] * 4 + [5.26, 4.18, 5.26]}
 LOWEST, HIGHEST = np.array([0.25, -0.45, 0.05]), np.array([0.65, 0.45, 0.75])  # m
 
 

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "realtime/slow.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 
 namespace realtime {
@@ -42,12 +43,7 @@ class Paced : public TrajectoryGenerator {
     if (after == pace_.places.end()) return trajectory_->step(trajectory_->duration(), reference);
     const Pace::Place now = between(*(after - 1), *after, time / scale_);
     const bool over = trajectory_->step(scale_ * now.path, reference);
-    const auto slow = [&](auto& velocity, auto& acceleration) {
-      acceleration = now.rate * now.rate * acceleration + now.change / scale_ * velocity;
-      velocity *= now.rate;
-    };
-    slow(reference.joint.dq, reference.joint.ddq);
-    slow(reference.cartesian.velocity, reference.cartesian.acceleration);
+    slow(reference, now.rate, now.change / scale_);
     return over;
   }
 

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "realtime/check.hpp"
+#include "realtime/slow.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 
 namespace realtime {
@@ -23,10 +24,7 @@ class Slowed : public TrajectoryGenerator {
   void start(const Reference& from) noexcept override { trajectory_->start(at_rest(from)); }
   bool step(double time, Reference& reference) noexcept override {
     const bool over = trajectory_->step(speed_ * time, reference);
-    reference.joint.dq *= speed_;
-    reference.joint.ddq *= speed_ * speed_;
-    reference.cartesian.velocity *= speed_;
-    reference.cartesian.acceleration *= speed_ * speed_;
+    slow(reference, speed_, 0);
     return over;
   }
   const Reference& goal() const noexcept override { return trajectory_->goal(); }
