@@ -56,6 +56,7 @@ constexpr int kRobotStart = 20;         // s for fci-sim to answer
 constexpr std::uint64_t kEventCycles = 100'000, kEvery = 50;  // cycles among events, and from one to the next
 constexpr double kLoss = 1.0 / kEvery;
 constexpr int kControlPort = 1339;      // of fci-sim
+constexpr double kEndless = 4;          // s after which a skill is stopped: streams do not end by themselves
 constexpr double kPreempt = 0.5;        // s after which every second motion is replaced by the next
 
 // A kind by its name, and its fields as text: there, and back.
@@ -378,6 +379,7 @@ class Running {
         }
       }
       ended |= take_results(combination.name(), current);
+      if (time > kEndless) door_.stop_up_to = current;
       if (samples.size() < cycles && (ended || (turn % 2 == 0 && time > kPreempt))) {
         auto skill = builder_.build(combination.message(turn++), newest(), nullptr);
         skill->id = current = next_id_++;
@@ -445,8 +447,10 @@ class Running {
     bool ended = false;
     while (const SkillResult* result = door_.results.front()) {
       if (result->ending != Ending::kTerminated && result->ending != Ending::kPreempted && result->ending != Ending::kStopped) {
+        const PartFault& fault = result->fault;
         throw std::runtime_error(what + " ended with " + std::to_string(static_cast<int>(result->ending)) + ": " +
-                                 fci::names(result->errors));
+                                 fci::names(result->errors) + "; fault " + std::to_string(static_cast<int>(fault.why)) +
+                                 " of part " + std::to_string(fault.part) + ", " + std::to_string(fault.ns) + " ns");
       }
       ended |= result->skill_id == id;
       door_.results.pop();

@@ -221,6 +221,19 @@ const std::vector<Case> kCases = {
        return std::make_unique<realtime::JointSamples>(q, limits, home());
      },
      false},
+    {"RestingJointSamples",
+     [](const models::Limits& limits, std::mt19937&) -> Generator {
+       return std::make_unique<realtime::JointSamples>(home().replicate(1, 300), limits, home());
+     },
+     false},
+    {"RestingPoseSamples",
+     [](const models::Limits& limits, std::mt19937&) -> Generator {
+       Eigen::Isometry3d from = Eigen::Isometry3d::Identity();
+       from.translation() = Vector3(0.4, 0, 0.4);
+       return std::make_unique<realtime::PoseSamples>(from.translation().replicate(1, 300),
+                                                      Eigen::Vector4d(1, 0, 0, 0).replicate(1, 300), limits, from);
+     },
+     false},
     {"PoseSamples",
      [](const models::Limits& limits, std::mt19937& random) -> Generator {
        realtime::PoseSamples::Positions position(3, 800);
@@ -305,6 +318,20 @@ TEST_P(EveryTrajectory, begins_where_the_reference_is_and_ends_at_its_goal_at_re
     EXPECT_TRUE(motion->step(motion->duration(), at));
     EXPECT_EQ(distance(at, motion->goal()), 0);
     EXPECT_EQ(speed(at), 0);
+  }
+}
+
+TEST_P(EveryTrajectory, begins_where_its_path_begins_or_ends_to_the_last_bit) {
+  const Generator motion = make();
+  Reference from = at_rest(motion->reference_kind(), random), at;
+  from.joint.q = home();
+  from.cartesian.position = Vector3(0.4, 0, 0.4);
+  from.cartesian.orientation.setIdentity();
+  for (int n = 0; n < 2; ++n) {
+    motion->start(from);
+    for (double t = 0; !motion->step(t, at); t += kDt) EXPECT_TRUE(is_finite(at)) << t;
+    EXPECT_TRUE(is_finite(at));
+    from = motion->goal();
   }
 }
 

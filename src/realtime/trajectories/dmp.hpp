@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -226,7 +225,7 @@ class DmpMotion {
     const Point end = at_cut();
     const Vector goal = end.y + decay * (end.dy / 2 + decay / 12 * end.ddy);
     rest_.start(end.y, end.dy, end.ddy, goal, decay);
-    rest_.set_duration(std::max(decay, std::numeric_limits<double>::min()));
+    rest_.set_duration(decay);
     duration_ = cut() + decay;
     return goal;
   }

@@ -1,6 +1,5 @@
 #include "realtime/trajectories/joint_path.hpp"
 
-#include <limits>
 
 namespace realtime {
 
@@ -15,7 +14,7 @@ void JointPath::start(const Reference& from) noexcept {
   double T = decay;
   for (int i = 0; i < models::kJoints; ++i)
     T = std::max(T, least_duration(std::abs(fading_.way()[i]), rates(limits_, i)));
-  fading_.set_duration(std::max(T, std::numeric_limits<double>::min()));
+  fading_.set_duration(T);
   wait_ = std::max(0.0, T - clear_after_);
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "models/arm.hpp"
+#include "realtime/tick.hpp"
 
 namespace realtime {
 
@@ -40,7 +41,7 @@ class MinJerk {
     way_ = x1 - x0 - decay_ * (v0 / 2 + decay_ / 12 * a0);
   }
 
-  void set_duration(double T) { T_ = T; }
+  void set_duration(double T) { T_ = std::max(T, kTick); }  // s; at least a cycle, also where there is no way
   double duration() const { return std::max(T_, decay_); }
   bool moving() const { return decay_ > 0; }
 

@@ -1,6 +1,5 @@
 #include "realtime/trajectories/pose_path.hpp"
 
-#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -27,7 +26,7 @@ void PosePath::start(const Reference& from) noexcept {
   const double T = std::max({decay, least_duration(translation_.way().norm(), limits_.translation),
                              least_duration(rotation_.way().norm(), limits_.rotation)});
   for (MinJerk<3>* each : {&translation_, &rotation_})
-    each->set_duration(std::max(T, std::numeric_limits<double>::min()));
+    each->set_duration(T);
   wait_ = std::max(0.0, T - clear_after_);
 }
 
