@@ -14,7 +14,7 @@ inline std::unique_ptr<realtime::Walls> boxes_about(const models::Arm& arm) {
     out->walls.push_back({static_cast<std::uint32_t>(out->walls.size() + 1), box});
   };
   // About the hand, which is at (0.31, 0, 0.49), and the elbow.
-  add(0.31, 0.21, 0.5), add(0.31, -0.21, 0.5), add(0.5, 0, 0.55), add(0.31, 0, 0.34), add(-0.2, 0.15, 0.6);
+  add(0.31, 0.21, 0.5), add(0.31, -0.21, 0.5), add(0.5, 0, 0.55), add(0.31, 0, 0.34), add(-0.2, 0.2, 0.6);
   for (int k = 0; k < 15; ++k) add(0.9 * std::cos(0.4 * k), 0.9 * std::sin(0.4 * k), 0.2 + 0.05 * k);
   return out;
 }
