@@ -242,7 +242,7 @@ std::unique_ptr<Skill> endless_skill(const models::Limits& limits, const fci::Ro
       limits);
   skill->controller = std::make_unique<CartesianImpedance>(CartesianImpedance::Parameters{
       Vector3::Constant(600), Vector3::Constant(50), 1, 10});
-  skill->mode = skill->controller->mode(ReferenceKind::kCartesian);
+  skill->mode = skill->controller->mode(Channels::kPose);
   return skill;
 }
 

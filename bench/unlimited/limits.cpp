@@ -19,7 +19,7 @@ bool Limiter::has_room() noexcept { return true; }
 Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept { return q; }
 
 bool Limiter::follow(const Reference& wanted, double, Reference& out) noexcept {
-  if (wanted.kind == impl_->last.kind) impl_->last = wanted;
+  if (wanted.motion == impl_->last.motion) impl_->last = wanted;
   out = impl_->last;
   return false;
 }
@@ -39,7 +39,7 @@ bool Limiter::stuck() const noexcept { return false; }
 
 bool Limiter::at_rest() const noexcept {
   const Reference& last = impl_->last;
-  return last.kind == ReferenceKind::kJoint ? last.joint.dq.isZero(1e-6) : last.cartesian.velocity.isZero(1e-6);
+  return last.motion == Channels::kJoint ? last.joint.dq.isZero(1e-6) : last.cartesian.velocity.isZero(1e-6);
 }
 
 TorqueLimiter::TorqueLimiter(const models::Limits& limits) : tau_max_(Vector7::Map(limits.tau_max.data())) {}

@@ -96,7 +96,7 @@ struct Planner : RuckigPlanner<N> {
 };
 
 bool is_valid(const Reference& reference) {
-  if (reference.kind == ReferenceKind::kJoint) {
+  if (reference.motion == Channels::kJoint) {
     const JointReference& joint = reference.joint;
     return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
   }
@@ -145,8 +145,8 @@ struct Motion {
   // The joints that the robot moves along with the pose, differences of their positions as for Joint.
   Vector7 along_v = Vector7::Zero(), along_a = Vector7::Zero();
 
-  void coast(ReferenceKind kind, double dt) {
-    if (kind == ReferenceKind::kJoint) {
+  void coast(Channels motion, double dt) {
+    if (motion == Channels::kJoint) {
       for (Joint& joint : joints) {
         joint.v += dt * joint.a;
         joint.q += dt * joint.v;
@@ -167,7 +167,7 @@ struct Motion {
 
   // From positions; rad, or m and the sine of an angle.
   double distance(const Reference& from) const {
-    if (from.kind == ReferenceKind::kJoint) {
+    if (from.motion == Channels::kJoint) {
       double most = 0;
       for (int i = 0; i < kJoints; ++i) most = std::max(most, std::abs(joints[i].q - from.joint.q[i]));
       return most;
@@ -189,9 +189,9 @@ struct Motion {
     out.velocity << translation.velocity, rotation.velocity;
     out.acceleration << translation.acceleration, rotation.acceleration;
   }
-  void write(ReferenceKind kind, Reference& out) const {
-    out.kind = kind;
-    kind == ReferenceKind::kJoint ? write(out.joint) : write(out.cartesian);
+  void write(Channels motion, Reference& out) const {
+    out.motion = motion;
+    motion == Channels::kJoint ? write(out.joint) : write(out.cartesian);
   }
 };
 
@@ -199,7 +199,7 @@ struct Motion {
 
 struct Limiter::Impl : Motion {
   models::Limits limits;
-  ReferenceKind kind = ReferenceKind::kJoint;
+  Channels motion = Channels::kJoint;
   Reference last;  // output
   Motion before;   // the last output
   Motion doubt;    // of the robot, if it has not got the last outputs
@@ -748,8 +748,8 @@ struct Limiter::Impl : Motion {
   }
 
   bool is_last(const Reference& from) const {
-    if (from.kind != last.kind) return false;
-    if (from.kind == ReferenceKind::kJoint) {
+    if (from.motion != last.motion) return false;
+    if (from.motion == Channels::kJoint) {
       return from.joint.q == last.joint.q && from.joint.dq == last.joint.dq && from.joint.ddq == last.joint.ddq;
     }
     const CartesianReference &a = from.cartesian, &b = last.cartesian;
@@ -769,12 +769,12 @@ void Limiter::reset(const Reference& from) noexcept {
   m.stuck_at = from;
   if (m.is_last(from)) return;  // and the differences are known
   m.last = from;
-  m.kind = from.kind;
+  m.motion = from.motion;
   m.has_along = false;
   m.along_change.setZero();
   m.along_nearing = 0;
   m.ahead = kLeastAhead;
-  if (from.kind == ReferenceKind::kJoint) {
+  if (from.motion == Channels::kJoint) {
     for (int i = 0; i < kJoints; ++i) {
       const double dq = from.joint.dq[i], ddq = from.joint.ddq[i];
       m.joints[i] = {from.joint.q[i], dq - kHalfCycle * ddq, ddq, dq, ddq, false};
@@ -824,12 +824,12 @@ Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept {
 bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcept {
   Impl& m = *impl_;
   m.before = m;
-  if (wanted.kind != m.kind || !is_valid(wanted)) {
+  if (wanted.motion != m.motion || !is_valid(wanted)) {
     brake(dt, out);
     return true;
   }
-  out.kind = m.kind;
-  const bool held = m.kind == ReferenceKind::kJoint ? m.follow(wanted.joint, dt, out.joint)
+  out.motion = m.motion;
+  const bool held = m.motion == Channels::kJoint ? m.follow(wanted.joint, dt, out.joint)
                                                     : m.follow(wanted.cartesian, dt, out.cartesian);
   m.last = out;
   m.watch(held);
@@ -839,7 +839,7 @@ bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcep
 bool Limiter::brake(double dt, Reference& out) noexcept {
   Impl& m = *impl_;
   m.before = m;
-  if (m.kind == ReferenceKind::kJoint) {
+  if (m.motion == Channels::kJoint) {
     std::array<Step, kJoints> steps;
     m.brake_steps(dt, steps);
     for (int i = 0; i < kJoints; ++i) {
@@ -852,7 +852,7 @@ bool Limiter::brake(double dt, Reference& out) noexcept {
     m.brake_steps(dt, linear, angular);
     m.move(linear, angular, dt);
   }
-  m.write(m.kind, out);
+  m.write(m.motion, out);
   m.last = out;
   return at_rest();
 }
@@ -890,8 +890,8 @@ std::size_t Limiter::way_to_rest(std::span<Vector6> out) const noexcept {
 
 void Limiter::coast(double dt, Reference& out) noexcept {
   Impl& m = *impl_;
-  m.coast(m.kind, dt);
-  m.write(m.kind, out);
+  m.coast(m.motion, dt);
+  m.write(m.motion, out);
   m.last = out;
 }
 
@@ -899,10 +899,10 @@ void Limiter::coast(double dt, Reference& out) noexcept {
 bool Limiter::reconcile(const Reference& robots, double dt, Reference& out) noexcept {
   Impl& m = *impl_;
   Motion lost = m.before;
-  lost.coast(m.kind, dt);
+  lost.coast(m.motion, dt);
   double error = lost.distance(robots);
   if (m.in_doubt) {
-    m.doubt.coast(m.kind, dt);
+    m.doubt.coast(m.motion, dt);
     if (const double other = m.doubt.distance(robots); other < error) {
       lost = m.doubt;
       error = other;
@@ -913,7 +913,7 @@ bool Limiter::reconcile(const Reference& robots, double dt, Reference& out) noex
   m.doubt = lost;
   if (!certain || error >= kStateRounding) return false;
   static_cast<Motion&>(m) = lost;
-  m.write(m.kind, out);
+  m.write(m.motion, out);
   m.last = out;
   return true;
 }
@@ -924,7 +924,7 @@ bool Limiter::stuck() const noexcept { return impl_->stuck_cycles >= kStuckCycle
 
 bool Limiter::at_rest() const noexcept {
   const Impl& m = *impl_;
-  if (m.kind == ReferenceKind::kJoint) {
+  if (m.motion == Channels::kJoint) {
     return std::all_of(m.joints.begin(), m.joints.end(), [](const Joint& joint) {
       return std::abs(joint.v) <= kRestVelocity && std::abs(joint.velocity) <= kRestVelocity &&
              std::abs(joint.a) <= kRestAcceleration && std::abs(joint.acceleration) <= kRestAcceleration;

@@ -25,9 +25,9 @@ class Limiter {
   explicit Limiter(const models::Limits& limits);
   ~Limiter();
 
-  // Continues from here: what the robot has as its last command. Kind, position, velocity and
+  // Continues from here: what the robot has as its last command. Motion, position, velocity and
   // acceleration count. To be called before all else, and whenever the reference jumps on purpose
-  // (another kind, re-based by a controller, lost to an error).
+  // (another motion, re-based by a controller, lost to an error).
   void reset(const Reference& from) noexcept;
 
   // For a pose that the robot's joints are to follow: to be called before each step, until reset() begins something new.
@@ -43,7 +43,7 @@ class Limiter {
   bool has_room() noexcept;
 
   // Next output for what is wanted in this cycle; dt in s. True if it had to hold something back.
-  // A reference that is not finite, or of another kind than the one continued from, is braked for.
+  // A reference that is not finite, or of another motion than the one continued from, is braked for.
   bool follow(const Reference& wanted, double dt, Reference& out) noexcept;
 
   // Next output on the way to rest, in the shortest time; true when at rest.

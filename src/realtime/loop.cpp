@@ -46,8 +46,8 @@ Vector7 vector(const fci::Vector7& values) { return Vector7::Map(values.data());
 // How far the reference is behind what is wanted, by what lets a path wait.
 double lag(const Reference& wanted, const Reference& reference) {
   constexpr double kJoint = 0.05, kPosition = 0.03, kAngle = 0.1;  // rad, m, rad
-  if (wanted.kind != reference.kind || !is_finite(wanted)) return 0;
-  if (wanted.kind == ReferenceKind::kJoint) return (wanted.joint.q - reference.joint.q).cwiseAbs().maxCoeff() / kJoint;
+  if (wanted.motion != reference.motion || !is_finite(wanted)) return 0;
+  if (wanted.motion == Channels::kJoint) return (wanted.joint.q - reference.joint.q).cwiseAbs().maxCoeff() / kJoint;
   const Vector6 way = change_between(reference.cartesian, wanted.cartesian);
   return std::max(way.head<3>().norm() / kPosition, way.tail<3>().norm() / kAngle);
 }
@@ -327,12 +327,12 @@ void Loop::generate_reference() noexcept {
     cycle_.time = skill_time_;
     const auto step_trajectory = [&] {
       const bool over = watch_.step(PartWatch::kTrajectory, skill_->numbers.trajectory,
-                                    [&] { return skill_->trajectory->step(std::max(path_.time(), 0.), wanted_); });
+                                    [&] { return skill_->trajectory->step(cycle_, std::max(path_.time(), 0.), wanted_); });
       path_.slow(wanted_);
       return over;
     };
     if (coasted_) {
-      path_.step(path_.rate(), cycle_.dt - kTick);
+      path_.step(path_.share(), cycle_.dt - kTick);
       step_trajectory();
       rejoin_.start(reference_, wanted_);
     }
@@ -370,7 +370,7 @@ void Loop::pace_path() noexcept {
   path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
   const bool waits = held > behind && cycle_.dq.cwiseAbs().maxCoeff() < kStill;
   waited_ |= waits;
-  if (!waits && !gate_.stuck()) slowed_ += (1 - path_.rate()) * kTick;
+  if (!waits && !gate_.stuck()) slowed_ += (1 - path_.share()) * kTick;
 }
 
 void Loop::compute_torque() noexcept {
@@ -420,7 +420,8 @@ void Loop::send_command() noexcept {
 // A skill ends when its reference rests.
 void Loop::terminate_skill() noexcept {
   if (phase_ == Phase::kRunning && !waits_for_start()) {
-    const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_, slowed_};
+    const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_,
+                            path_.lasts(skill_->trajectory->duration()) + slowed_};
     int termination = -1;
     for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
       const auto& numbers = skill_->numbers.terminations;
@@ -481,7 +482,7 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   result.time = std::max(skill_time_, 0.0);
   result.stretch = skill->trajectory->stretch();
   if (const double planned = skill->trajectory->duration(); planned > 0 && std::isfinite(planned)) {
-    result.stretch *= 1 + slowed_ / planned;
+    result.stretch *= 1 + slowed_ / path_.lasts(planned);
   }
   result.limited_cycles = limited_cycles_;
   result.left = left(*skill);
@@ -499,9 +500,9 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
 Left Loop::left(const Skill& skill) const noexcept {
   const double planned = skill.trajectory->duration();
   if (!(planned > 0 && std::isfinite(planned)) || !gate_.at_rest()) return {};
-  if (mode_.torque() && !skill.controller->leads()) return {};
+  if (robot_->takes_torque() && !skill.controller->leads()) return {};
   const Reference& goal = skill.trajectory->goal();
-  if (goal.kind == ReferenceKind::kJoint) return {.joints = (goal.joint.q - cycle_.q).cwiseAbs().maxCoeff()};
+  if (goal.motion == Channels::kJoint) return {.joints = (goal.joint.q - cycle_.q).cwiseAbs().maxCoeff()};
   const Vector6 way = change_between(at(cycle_.O_T_EE), goal.cartesian);
   return {.position = way.head<3>().norm(), .angle = way.tail<3>().norm()};
 }
@@ -551,7 +552,7 @@ bool Loop::next_waits() const noexcept {
   if (next_->start_ns > driver_.received_ns()) return true;
   if (next_->after == 0 || skill_ == nullptr) return false;
   const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) &&
-                      skill_->trajectory->duration() - path_.time() <= next_->blend;
+                      path_.lasts(skill_->trajectory->duration() - path_.time()) <= next_->blend;
   return !blends;
 }
 
@@ -587,13 +588,9 @@ void Loop::start_skill() noexcept {
   pushed_by_wall_ = false;
   first_command_ns_ = 0;
   trajectory_over_ = held_back_ = false;
-  rejoin_.stop();
   cycle_.time = 0;
-  path_.start(0);
-  slowed_ = 0;
-  waited_ = false;
   watch_.reset();
-  if (reference_.kind == ReferenceKind::kJoint) gate_.place(reference_.joint.q);
+  if (reference_.motion == Channels::kJoint) gate_.place(reference_.joint.q);
   cycle_.q_ref = gate_.joints().q;
   start_controller(!robot_->has_reference());
   gate_.reset(reference_);
@@ -638,10 +635,6 @@ void Loop::change_parts() noexcept {
     if (change->trajectory) {
       std::swap(skill_->trajectory, change->trajectory);
       skill_->numbers.trajectory = change->numbers.trajectory;
-      path_.start(0);
-      slowed_ = 0;
-      waited_ = false;
-      rejoin_.stop();
       start_trajectory();
     }
     if (change->changes_terminations) {
@@ -658,9 +651,16 @@ bool Loop::waits_for_start() const noexcept {
   return phase_ == Phase::kRunning && first_command_ns_ == 0 && skill_->start_ns > driver_.received_ns();
 }
 
+// A slow one begins at rest: a fast motion that it takes over from is braked by the limits, and not on its clock, which would lead
+// it astray.
 void Loop::start_trajectory() noexcept {
+  path_.start(skill_->speed);
+  slowed_ = 0;
+  waited_ = false;
+  rejoin_.stop();
   wanted_ = {};  // a trajectory that exerts nothing does not say so
-  watch_.start(PartWatch::kTrajectory, skill_->numbers.trajectory, [&] { skill_->trajectory->start(reference_); });
+  const Reference from = skill_->speed < 1 ? at_rest(reference_) : reference_;
+  watch_.start(PartWatch::kTrajectory, skill_->numbers.trajectory, [&] { skill_->trajectory->start(from); });
 }
 
 void Loop::start_terminations() noexcept {
@@ -678,8 +678,8 @@ void Loop::step_controller(Vector7& tau) noexcept {
 
 // What the controller follows: the reference, or the joints that the robot moves along with a pose.
 const Reference& Loop::followed() noexcept {
-  if (!robot_->makes_joints() || holder_->controller->accepts(ReferenceKind::kCartesian)) return reference_;
-  joints_of_robot_.kind = ReferenceKind::kJoint;
+  if (!robot_->makes_joints() || has(holder_->controller->takes(), Channels::kPose)) return reference_;
+  joints_of_robot_.motion = Channels::kJoint;
   joints_of_robot_.joint = {vector(state_.q_d), vector(state_.dq_d), vector(state_.ddq_d)};
   return joints_of_robot_;
 }
@@ -692,21 +692,21 @@ void Loop::take_over() noexcept {
   }
   if (!holder_->controller->tracks()) {
     gate_.place(cycle_.q);
-    reference_.kind = ReferenceKind::kJoint;
+    reference_.motion = Channels::kJoint;
     reference_.joint = {cycle_.q, cycle_.dq, Vector7::Zero()};
   }
   robot_->pass(static_cast<int>(std::min<std::uint64_t>(ticks_, kLongestGap)), gate_.limiter(), reference_);
-  change_kind(next_->trajectory->reference_kind());
+  change_motion(motion_of(next_->trajectory->fills()));
   start_skill();
   ticks_ = 1;
   skill_time_ = kTick - cycle_.dt;
 }
 
-// Under torque control a reference may be replaced by one of the other kind: that of the same motion of the joints.
-void Loop::change_kind(ReferenceKind kind) noexcept {
-  if (reference_.kind == kind) return;
-  reference_.kind = kind;
-  if (kind == ReferenceKind::kCartesian) {
+// Under torque control a reference of joints may be replaced by a pose, and a pose by joints: that of the same motion of the arm.
+void Loop::change_motion(Channels motion) noexcept {
+  if (reference_.motion == motion) return;
+  reference_.motion = motion;
+  if (motion == Channels::kPose) {
     model_.update(reference_.joint.q, reference_.joint.dq);
     CartesianReference& out = reference_.cartesian;
     out.position = model_.O_T_EE().translation();
@@ -773,10 +773,10 @@ void Loop::begin_motion() noexcept {
   faulty_ = false;
   ticks_ = 1;
   gate_.place(cycle_.q);
-  reference_ = robot_->start(cycle_, next_->trajectory->reference_kind(), model_);
+  reference_ = robot_->start(cycle_, motion_of(next_->trajectory->fills()), model_);
   start_skill();
   skill_time_ = -cycle_.dt;  // its time begins with this command
-  path_.start(-kTick);
+  path_.step_back();
 }
 
 void Loop::end_motion(Phase phase) noexcept {

@@ -73,7 +73,7 @@ class Loop {
   bool waits_for_start() const noexcept;
   const Reference& followed() noexcept;
   void take_over() noexcept;
-  void change_kind(ReferenceKind kind) noexcept;
+  void change_motion(Channels motion) noexcept;
   bool fits_motion(const Skill& skill) const noexcept;
   bool next_waits() const noexcept;
   bool follows_failure(const Skill& skill) const noexcept;

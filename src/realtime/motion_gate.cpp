@@ -16,7 +16,7 @@ constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a r
 
 // So near to each other that an arm which a wall holds up does not stir for it.
 bool beside(const Reference& a, const Reference& b) {
-  if (a.kind == ReferenceKind::kJoint) return (a.joint.q - b.joint.q).norm() < kBeside;
+  if (a.motion == Channels::kJoint) return (a.joint.q - b.joint.q).norm() < kBeside;
   return (a.cartesian.position - b.cartesian.position).norm() < kBeside &&
          a.cartesian.orientation.angularDistance(b.cartesian.orientation) < kBeside;
 }
@@ -30,7 +30,7 @@ void MotionGate::reset(const Reference& from) noexcept {
 }
 
 void MotionGate::observe(const Reference& reference, const Vector7* q_d) noexcept {
-  if (reference.kind == ReferenceKind::kJoint) {
+  if (reference.motion == Channels::kJoint) {
     joints_.q = reference.joint.q;
   } else if (q_d != nullptr) {
     joints_ = model_.joints_of_pose(*q_d);
@@ -39,19 +39,19 @@ void MotionGate::observe(const Reference& reference, const Vector7* q_d) noexcep
     pose_joints_.step(reference.cartesian, kTick);
     joints_ = pose_joints_.joints();
   }
-  if (reference.kind == ReferenceKind::kCartesian) {
+  if (reference.motion == Channels::kPose) {
     limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)), q_d != nullptr);
   }
 }
 
 Vector7 MotionGate::joint_velocity() const noexcept {
   const Reference& now = limiter_.last();
-  return now.kind == ReferenceKind::kJoint ? now.joint.dq : Vector7(joints_.dq_dP * now.cartesian.velocity);
+  return now.motion == Channels::kJoint ? now.joint.dq : Vector7(joints_.dq_dP * now.cartesian.velocity);
 }
 
 double MotionGate::away(const Cycle& cycle) const noexcept {
   const Reference& now = limiter_.last();
-  if (now.kind == ReferenceKind::kJoint) return (now.joint.q - cycle.q).cwiseAbs().maxCoeff();
+  if (now.motion == Channels::kJoint) return (now.joint.q - cycle.q).cwiseAbs().maxCoeff();
   const Vector6 way = change_between(at(cycle.O_T_EE), now.cartesian);
   return std::max(way.head<3>().norm() / kReach, way.tail<3>().norm());
 }
@@ -87,7 +87,7 @@ bool MotionGate::brake(Reference& reference) noexcept {
 bool MotionGate::way_to_rest_is_clear(const Reference& reference, double clearance) noexcept {
   std::array<Vector7, WallGuard::kMostOnWay> way;
   std::size_t count = 0;
-  if (reference.kind == ReferenceKind::kJoint) {
+  if (reference.motion == Channels::kJoint) {
     joints_.q = before_.joint.q;
     count = limiter_.way_to_rest(std::span(way));
   } else {
@@ -102,8 +102,8 @@ bool MotionGate::way_to_rest_is_clear(const Reference& reference, double clearan
 // At rest, ahead of the reference before, as far as what is wanted leads there without the walls.
 Reference MotionGate::past_walls(const Reference& wanted) const noexcept {
   Reference aside = realtime::at_rest(before_);
-  if (wanted.kind != before_.kind || !is_finite(wanted)) return aside;
-  if (aside.kind == ReferenceKind::kJoint) {
+  if (wanted.motion != before_.motion || !is_finite(wanted)) return aside;
+  if (aside.motion == Channels::kJoint) {
     aside.joint.q += walls_.past(wanted.joint.q - before_.joint.q);
     return aside;
   }

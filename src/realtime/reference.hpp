@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstdint>
 
 namespace realtime {
 
@@ -11,7 +12,23 @@ using Vector7 = Eigen::Matrix<double, 7, 1>;
 using Matrix67 = Eigen::Matrix<double, 6, 7>;
 using Matrix76 = Eigen::Matrix<double, 7, 6>;
 
-enum class ReferenceKind { kJoint, kCartesian };
+// What a reference says: a motion of the joints or of EE, and beside it what the arm is to exert. Also sets of these.
+enum class Channels : std::uint8_t {
+  kNone = 0,
+  kJoint = 1,   // Reference::joint
+  kPose = 2,    // Reference::cartesian
+  kWrench = 4,  // Reference::wrench
+  kTorque = 8,  // Reference::torque
+};
+
+constexpr Channels operator|(Channels a, Channels b) { return static_cast<Channels>(static_cast<int>(a) | static_cast<int>(b)); }
+constexpr Channels operator&(Channels a, Channels b) { return static_cast<Channels>(static_cast<int>(a) & static_cast<int>(b)); }
+
+// Whether each of `some` is among `all`.
+constexpr bool has(Channels all, Channels some) { return (all & some) == some; }
+
+// The one that says a motion.
+constexpr Channels motion_of(Channels channels) { return channels & (Channels::kJoint | Channels::kPose); }
 
 struct JointReference {
   Vector7 q = Vector7::Zero();    // rad
@@ -36,16 +53,9 @@ struct JointsOfPose {
   Vector7 null_motion = Vector7::Zero();  // that leaves EE at rest while the elbow moves by 1
 };
 
-// What a trajectory may ask for beside its motion.
-enum class Effort {
-  kNone,
-  kWrench,  // Reference::wrench
-  kTorque,  // Reference::torque
-};
-
-// What a trajectory generator emits each cycle. Of joint and cartesian only the member named by `kind` means something.
+// What a trajectory generator emits each cycle. Of joint and cartesian only the one that `motion` names means something.
 struct Reference {
-  ReferenceKind kind = ReferenceKind::kJoint;
+  Channels motion = Channels::kJoint;
   JointReference joint;
   CartesianReference cartesian;
   Vector6 wrench = Vector6::Zero();  // that EE exerts on what it touches, at EE in the axes of O; N, N m
@@ -54,7 +64,7 @@ struct Reference {
 
 inline bool is_finite(const Reference& reference) {
   if (!reference.wrench.allFinite() || !reference.torque.allFinite()) return false;
-  if (reference.kind == ReferenceKind::kJoint) {
+  if (reference.motion == Channels::kJoint) {
     const JointReference& joint = reference.joint;
     return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
   }

@@ -16,7 +16,7 @@ class Rejoin {
   // `is` and `wanted` belong to the same moment.
   void start(const Reference& is, const Reference& wanted) noexcept {
     left_ = kDuration;
-    if (is.kind == ReferenceKind::kJoint) {
+    if (is.motion == Channels::kJoint) {
       x_ = is.joint.q - wanted.joint.q;
       v_ = is.joint.dq - wanted.joint.dq;
       a_ = is.joint.ddq - wanted.joint.ddq;
@@ -48,7 +48,7 @@ class Rejoin {
                       T / 2 * s * (2 + s * (-9 + s * (12 - 5 * s))) * a_;
     const Vector7 a = s * (-60 + s * (180 - 120 * s)) / (T * T) * x_ + s * (-36 + s * (96 - 60 * s)) / T * v_ +
                       (1 + s * (-9 + s * (18 - 10 * s))) * a_;
-    if (wanted.kind == ReferenceKind::kJoint) {
+    if (wanted.motion == Channels::kJoint) {
       wanted.joint.q += x;
       wanted.joint.dq += v;
       wanted.joint.ddq += a;

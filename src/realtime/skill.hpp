@@ -30,6 +30,7 @@ struct Skill {
   robot::Settings settings;  // of the controller
   std::uint64_t after = 0;   // id of the skill that it waits for, to begin when that has ended by itself (0: none), or
   double blend = 0;          // s before its trajectory is over, within a robot controller
+  double speed = 1;          // of the time along its trajectory, 0.01 to 1
   std::int64_t start_ns = 0;  // CLOCK_MONOTONIC; until then the arm rests where it is, or the skill before goes on
 };
 

@@ -26,9 +26,9 @@ class ArmAtHome {
   }
 
   // At rest where the arm is.
-  realtime::Reference reference(realtime::ReferenceKind kind) const {
+  realtime::Reference reference(realtime::Channels motion) const {
     realtime::Reference reference;
-    reference.kind = kind;
+    reference.motion = motion;
     reference.joint.q = cycle.q;
     reference.cartesian.position = cycle.O_T_EE.translation();
     reference.cartesian.orientation = Eigen::Quaterniond(cycle.O_T_EE.linear());

@@ -195,7 +195,7 @@ void convert(const realtime::Record& record, proto::ArmState& out) {
   out.clear_q_ref();
   out.clear_o_t_ee_ref();
   const bool commanded = record.command.message_id != 0;
-  if (commanded && record.reference.kind == realtime::ReferenceKind::kJoint) {
+  if (commanded && record.reference.motion == realtime::Channels::kJoint) {
     out.mutable_q_ref()->Resize(7, 0);
     std::copy_n(record.reference.joint.q.data(), 7, out.mutable_q_ref()->begin());
   } else if (commanded) {

@@ -45,16 +45,16 @@ std::unique_ptr<Base> make(const std::vector<Kind<Base>>& kinds, const std::stri
                             name.empty() ? "\"" + any.type_url() + "\"" : name, what, fmt::join(names(kinds), ", ")));
 }
 
-// Those of which `accepts` is true when they are made of their defaults.
-template <class Base, class Accepts>
-std::string that_accept(const std::vector<Kind<Base>>& kinds, const realtime::Arm& arm, Accepts accepts) {
+// Those of which `fits` is true when they are made of their defaults.
+template <class Base, class Fits>
+std::string that_fit(const std::vector<Kind<Base>>& kinds, const realtime::Arm& arm, Fits fits) {
   std::string names;
   for (const auto& each : kinds) {
     try {
       Any any;
       const bool own = each.name.find('.') == std::string::npos;
       any.set_type_url(fmt::format("type.googleapis.com/{}{}", own ? "frankapy.proto." : "", each.name));
-      if (!accepts(*each.make(any, arm))) continue;
+      if (!fits(*each.make(any, arm))) continue;
     } catch (const std::exception&) {
       continue;  // has no defaults to be made of
     }
@@ -95,13 +95,11 @@ std::vector<std::string> trajectory_kinds() { return names(trajectories()); }
 std::vector<std::string> controller_kinds() { return names(controllers()); }
 std::vector<std::string> termination_kinds() { return names(terminations()); }
 
-std::string controllers_that_accept(const realtime::TrajectoryGenerator& trajectory, const realtime::Arm& arm) {
-  return that_accept(controllers(), arm, [&](const realtime::Controller& controller) {
-    return controller.accepts(trajectory.reference_kind()) && controller.exerts(trajectory.effort());
-  });
+std::string controllers_that_take(realtime::Channels channels, const realtime::Arm& arm) {
+  return that_fit(controllers(), arm, [&](const realtime::Controller& controller) { return has(controller.takes(), channels); });
 }
-std::string terminations_that_accept(realtime::ReferenceKind kind, const realtime::Arm& arm) {
-  return that_accept(terminations(), arm, [kind](const realtime::Termination& termination) { return termination.accepts(kind); });
+std::string terminations_that_judge(realtime::Channels channels, const realtime::Arm& arm) {
+  return that_fit(terminations(), arm, [&](const realtime::Termination& termination) { return has(channels, termination.judges()); });
 }
 
 std::string kind_of(const Any& any) {

@@ -29,9 +29,9 @@ std::vector<std::string> trajectory_kinds();
 std::vector<std::string> controller_kinds();
 std::vector<std::string> termination_kinds();
 
-// Those that take what a trajectory emits, or references of a kind, joined with commas: what to use instead.
-std::string controllers_that_accept(const realtime::TrajectoryGenerator& trajectory, const realtime::Arm& arm);
-std::string terminations_that_accept(realtime::ReferenceKind kind, const realtime::Arm& arm);
+// Those for a trajectory that fills these, joined with commas: what to use instead.
+std::string controllers_that_take(realtime::Channels channels, const realtime::Arm& arm);
+std::string terminations_that_judge(realtime::Channels channels, const realtime::Arm& arm);
 
 // Name of the message in an Any: "MinJerkJoint"; of a message from elsewhere with its package.
 std::string kind_of(const google::protobuf::Any& any);

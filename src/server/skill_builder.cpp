@@ -14,7 +14,6 @@
 #include "realtime/pose_joints.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/tool.hpp"
-#include "realtime/trajectories/slowed.hpp"
 #include "server/part_record.hpp"
 #include "server/reachability.hpp"
 #include "server/refused.hpp"
@@ -25,14 +24,14 @@
 namespace server {
 namespace {
 
-using realtime::Effort;
+using realtime::Channels;
 using realtime::Reference;
-using realtime::ReferenceKind;
 using realtime::TrajectoryGenerator;
 using realtime::Vector7;
 
 constexpr std::size_t kMaxDescription = 1024;  // bytes
 constexpr int kMostTerminations = 16;
+constexpr double kSlowest = 0.01;  // of a trajectory's clock
 constexpr int kPathSamples = 8;
 constexpr double kSampleTime = 0.02;  // s, about, between the places of a way that are looked at
 constexpr int kLeastSamples = 100, kMostSamples = 1000;
@@ -49,16 +48,11 @@ constexpr double kJointTolerance = 1e-6;  // rad
 
 [[noreturn]] void refuse(const std::string& text) { throw Refused(proto::Error::INVALID_ARGUMENT, text); }
 
-std::string name(ReferenceKind kind) {
-  return kind == ReferenceKind::kJoint ? "joint references" : "Cartesian references";
-}
-std::string name(const TrajectoryGenerator& trajectory) {
-  switch (trajectory.effort()) {
-    case Effort::kWrench: return name(trajectory.reference_kind()) + " with a wrench";
-    case Effort::kTorque: return name(trajectory.reference_kind()) + " with torques";
-    case Effort::kNone: break;
-  }
-  return name(trajectory.reference_kind());
+std::string name(Channels channels) {
+  std::string text = has(channels, Channels::kJoint) ? "joint references" : "Cartesian references";
+  if (has(channels, Channels::kWrench)) text += " with a wrench";
+  if (has(channels, Channels::kTorque)) text += " with torques";
+  return text;
 }
 
 void check_message(const proto::Skill& message) {
@@ -72,6 +66,9 @@ void check_message(const proto::Skill& message) {
   if (!message.has_controller()) {
     refuse(fmt::format("Skill.controller is missing: expected one of {}", fmt::join(controller_kinds(), ", ")));
   }
+  if (!(message.speed() >= kSlowest && message.speed() <= 1)) {
+    refuse(fmt::format("Skill.speed is {}: expected {} to 1", message.speed(), kSlowest));
+  }
   if (message.terminations_size() > kMostTerminations) {
     refuse(fmt::format("Skill.terminations has {} elements: expected at most {}", message.terminations_size(),
                        kMostTerminations));
@@ -84,7 +81,7 @@ std::string text_of(const Reference& reference) {
     for (double each : v) text += fmt::format("{}{:.4f}", text.empty() ? "" : ", ", each);
     return "[" + text + "]";
   };
-  return reference.kind == ReferenceKind::kJoint ? numbers(reference.joint.q) + " rad"
+  return reference.motion == Channels::kJoint ? numbers(reference.joint.q) + " rad"
                                                  : numbers(reference.cartesian.position) + " m";
 }
 
@@ -145,34 +142,36 @@ constexpr std::array<Named, 9> kRobotControllers = {{
 }};
 
 // The rule of what fits: controllers of ours make torques, the robot's own impedance follows the robot's reference. That is
-// of the trajectory's kind; of a pose the robot makes joints, which a controller may follow instead.
-bool fits(const Named& named, const realtime::Controller& controller, ReferenceKind kind, Effort effort) {
-  if (!controller.exerts(effort)) return false;
-  const robot::Mode mode = {controller.mode(kind).controller, named.generator};
+// the trajectory's motion; of a pose the robot makes joints, which a controller may follow instead.
+bool fits(const Named& named, const realtime::Controller& controller, Channels filled) {
+  const Channels motion = motion_of(filled);
+  const robot::Mode mode = {controller.mode(motion).controller, named.generator};
   if (mode.torque() != named.torque || (mode.motion() && !controller.tracks())) return false;
-  if (mode.motion() && mode.cartesian() != (kind == ReferenceKind::kCartesian)) return false;
-  return controller.accepts(kind) || (mode.torque() && mode.cartesian() && controller.accepts(ReferenceKind::kJoint));
+  if (mode.motion() && mode.cartesian() != (motion == Channels::kPose)) return false;
+  Channels takes = controller.takes();
+  if (mode.torque() && mode.cartesian() && has(takes, Channels::kJoint)) takes = takes | Channels::kPose;
+  return has(takes, filled);
 }
 
 robot::Mode choose(const proto::Skill& message, const realtime::Controller& controller,
                    const TrajectoryGenerator& generator, const realtime::Arm& arm) {
-  const ReferenceKind kind = generator.reference_kind();
+  const Channels filled = generator.fills();
   std::string fitting;
   for (const Named& each : kRobotControllers) {
-    if (!fits(each, controller, kind, generator.effort())) continue;
+    if (!fits(each, controller, filled)) continue;
     if (message.robot_controller() == proto::AUTO || message.robot_controller() == each.name) {
-      return {controller.mode(kind).controller, each.generator};
+      return {controller.mode(motion_of(filled)).controller, each.generator};
     }
     fitting += (fitting.empty() ? "" : ", ") + proto::RobotController_Name(each.name);
   }
   const std::string trajectory = kind_of(message.trajectory());
   if (fitting.empty()) {
     refuse(fmt::format("{} does not take the {} of {}: use {}, or another trajectory", kind_of(message.controller()),
-                       name(generator), trajectory, controllers_that_accept(generator, arm)));
+                       name(filled), trajectory, controllers_that_take(filled, arm)));
   }
   refuse(fmt::format("the robot controller {} does not fit {} with the {} of {}: use {}",
                      proto::RobotController_Name(message.robot_controller()), kind_of(message.controller()),
-                     name(generator), trajectory, fitting));
+                     name(filled), trajectory, fitting));
 }
 
 }  // namespace
@@ -195,17 +194,17 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   model_->update(arm.q, Vector7::Zero());
   auto skill = std::make_unique<realtime::Skill>();
   skill->trajectory = make_trajectory(message.trajectory(), arm);
-  if (message.speed() < 1) skill->trajectory = std::make_unique<realtime::Slowed>(std::move(skill->trajectory), message.speed());
+  skill->speed = message.speed();
   skill->controller = make_controller(message.controller(), arm);
   const std::string trajectory = kind_of(message.trajectory());
-  const ReferenceKind kind = skill->trajectory->reference_kind();
+  const Channels filled = skill->trajectory->fills(), motion = motion_of(filled);
   skill->numbers = {number_of(trajectory), number_of(kind_of(message.controller())), {}};
   skill->mode = choose(message, *skill->controller, *skill->trajectory, arm);
   for (const auto& any : message.terminations()) {
     auto termination = make_termination(any, arm);
-    if (!termination->accepts(kind)) {
-      refuse(fmt::format("{} cannot judge the {} of {}: use {}", kind_of(any), name(kind), trajectory,
-                         terminations_that_accept(kind, arm)));
+    if (!has(filled, termination->judges())) {
+      refuse(fmt::format("{} cannot judge the {} of {}: use {}", kind_of(any), name(filled), trajectory,
+                         terminations_that_judge(filled, arm)));
     }
     skill->terminations.push_back(std::move(termination));
     skill->numbers.terminations.push_back(number_of(kind_of(any)));
@@ -221,16 +220,21 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   if (!path) return skill;
   const InPart in_part(skill->numbers.trajectory);
   // The loop starts it again, from where the arm then is.
-  const Reference start = start_of(kind, now, after, arm.q);
+  realtime::Cycle cycle{now.state, *model_};
+  cycle.q = Eigen::Map<const Vector7>(now.state.q.data());
+  cycle.dq = Eigen::Map<const Vector7>(now.state.dq.data());
+  cycle.O_T_EE = Eigen::Map<const Eigen::Matrix4d>(now.state.O_T_EE.data());
+  Reference start = start_of(motion, now, after, arm.q);
+  if (skill->speed < 1) start = at_rest(start);
   skill->trajectory->start(start);
   if (skill->trajectory->shortened()) {
     refuse(fmt::format("{}: its goal is beyond the arm's range; the nearest is {}", trajectory,
                        text_of(skill->trajectory->goal())));
   }
-  if (kind == ReferenceKind::kJoint) {
-    check_joint_path(skill->trajectory, trajectory, start);
+  if (motion == Channels::kJoint) {
+    check_joint_path(skill->trajectory, trajectory, cycle, start);
   } else {
-    check_cartesian_path(skill->trajectory, trajectory, start, arm.q, skill->mode.cartesian());
+    check_cartesian_path(skill->trajectory, trajectory, cycle, start, arm.q, skill->mode.cartesian());
   }
   return skill;
 }
@@ -239,17 +243,17 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
 Vector7 SkillBuilder::joints_at_start(const realtime::Record& now, const Reference* after) {
   const Vector7 q = Eigen::Map<const Vector7>(now.state.q.data());
   if (after == nullptr) return q;
-  return after->kind == ReferenceKind::kJoint ? after->joint.q : reach(*model_, limits_, pose_of(*after), q).q;
+  return after->motion == Channels::kJoint ? after->joint.q : reach(*model_, limits_, pose_of(*after), q).q;
 }
 
-// Where a trajectory of that kind will begin: where the one before ends; else the reference that is commanded now; else what
+// Where such a motion will begin: where the one before ends; else the reference that is commanded now; else what
 // is measured.
-Reference SkillBuilder::start_of(ReferenceKind kind, const realtime::Record& now, const Reference* after, const Vector7& q) {
-  if (after == nullptr && now.command.message_id != 0 && now.reference.kind == kind) return now.reference;
+Reference SkillBuilder::start_of(Channels motion, const realtime::Record& now, const Reference* after, const Vector7& q) {
+  if (after == nullptr && now.command.message_id != 0 && now.reference.motion == motion) return now.reference;
   Eigen::Isometry3d O_T_EE(Eigen::Map<const Eigen::Matrix4d>(now.state.O_T_EE.data()));
-  if (after != nullptr) O_T_EE = after->kind == ReferenceKind::kJoint ? model_->O_T_EE(q) : pose_of(*after);
+  if (after != nullptr) O_T_EE = after->motion == Channels::kJoint ? model_->O_T_EE(q) : pose_of(*after);
   Reference start;
-  start.kind = kind;
+  start.motion = motion;
   start.joint.q = q;
   start.cartesian.position = O_T_EE.translation();
   start.cartesian.orientation = Eigen::Quaterniond(O_T_EE.linear()).normalized();
@@ -257,12 +261,12 @@ Reference SkillBuilder::start_of(ReferenceKind kind, const realtime::Record& now
 }
 
 void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajectory, const std::string& kind,
-                                    const Reference& from) {
+                                    const realtime::Cycle& cycle, const Reference& from) {
   const double duration = trajectory->duration();
   Reference reference;
   Vector7 outside;  // of the limits; an arm that begins there may come back
   for (int sample = 0; sample <= kPathSamples; ++sample) {
-    trajectory->step(duration * sample / kPathSamples, reference);
+    trajectory->step(cycle, duration * sample / kPathSamples, reference);
     if (sample == kPathSamples) reference = trajectory->goal();
     for (int i = 0; i < 7; ++i) {
       const double q = reference.joint.q[i];
@@ -279,7 +283,7 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
   const int samples = samples_of(duration);
   realtime::Vector3 last;
   for (int sample = 0; sample <= samples; ++sample) {
-    trajectory->step(duration * sample / samples, reference);
+    trajectory->step(cycle, duration * sample / samples, reference);
     const realtime::Vector3 here = model_->O_T_EE(reference.joint.q).translation();
     const double speed = sample == 0 ? 0 : (here - last).norm() * samples / duration;
     last = here;
@@ -299,7 +303,7 @@ void SkillBuilder::check_bodies(std::span<const Vector7> way, const std::string&
 }
 
 void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& trajectory, const std::string& kind,
-                                        const Reference& from, const Vector7& q, bool robots) {
+                                        const realtime::Cycle& cycle, const Reference& from, const Vector7& q, bool robots) {
   const double duration = trajectory->duration();
   const auto check = [&](int sample, const Eigen::Isometry3d& pose, const Vector7& from) {
     const Reach result = reach(*model_, limits_, pose, from);
@@ -315,31 +319,31 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
   check(kPathSamples, pose_of(trajectory->goal()), q);
   Vector7 reached = q;
   for (int sample = 1; sample < kPathSamples; ++sample) {
-    trajectory->step(duration * sample / kPathSamples, reference);
+    trajectory->step(cycle, duration * sample / kPathSamples, reference);
     reached = check(sample, pose_of(reference), reached);
   }
   if (!(duration > 0 && std::isfinite(duration))) return;
   // Every pose of it is reached by some joints; now those with which the arm goes from one to the next. The elbow gives way in the
   // time that it has, so that a way which gets another pace is gone along once more.
-  SampledWay way = way_of_poses(*trajectory, kind, q, nullptr, robots);
+  SampledWay way = way_of_poses(*trajectory, kind, cycle, q, nullptr, robots);
   auto pace = pace_along(way, limits_, kPoseShare);
   if (pace) {
-    way = way_of_poses(*trajectory, kind, q, &*pace, robots);
+    way = way_of_poses(*trajectory, kind, cycle, q, &*pace, robots);
     pace = pace_along(way, limits_, kPoseShare);
   }
   slow_down(trajectory, std::move(pace), from);
   check_bodies(way.q, kind);
 }
 
-SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std::string& kind, const Vector7& q,
-                                      const realtime::Pace* pace, bool robots) {
+SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std::string& kind, const realtime::Cycle& cycle,
+                                      const Vector7& q, const realtime::Pace* pace, bool robots) {
   SampledWay way{trajectory.duration(), {}, {}};
   const int samples = samples_of(way.duration);
   realtime::PoseJoints joints(*model_, limits_);
   joints.place(q);
   Reference reference;
   for (int sample = 0; sample <= samples; ++sample) {
-    trajectory.step(way.duration * sample / samples, reference);
+    trajectory.step(cycle, way.duration * sample / samples, reference);
     if (sample == samples) reference = trajectory.goal();
     const std::size_t k = static_cast<std::size_t>(sample);
     const double time = sample == 0 ? 0 : pace ? pace->places[k].time - pace->places[k - 1].time : way.duration / samples;

@@ -34,18 +34,18 @@ class SkillBuilder {
 
  private:
   realtime::Vector7 joints_at_start(const realtime::Record& now, const realtime::Reference* after);
-  realtime::Reference start_of(realtime::ReferenceKind kind, const realtime::Record& now, const realtime::Reference* after,
+  realtime::Reference start_of(realtime::Channels motion, const realtime::Record& now, const realtime::Reference* after,
                                const realtime::Vector7& q);
-  // Checks the way of a trajectory that has started at `from`; where limits of the arm ask for it, it then gets a slower pace, and
+  // Checks the way of a trajectory that has started at `from`, as it looks in that cycle; where limits of the arm ask for it, it then gets a slower pace, and
   // has started again. `q`: joints at its start, rad; `robots`: the robot makes those of the poses.
   void check_joint_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,
-                        const realtime::Reference& from);
+                        const realtime::Cycle& cycle, const realtime::Reference& from);
   void check_cartesian_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,
-                            const realtime::Reference& from, const realtime::Vector7& q, bool robots);
+                            const realtime::Cycle& cycle, const realtime::Reference& from, const realtime::Vector7& q, bool robots);
 
   // The joints with which the arm goes along such a path from q, checked, and how fast; in the time of `pace` if there is one.
-  SampledWay way_of_poses(realtime::TrajectoryGenerator& trajectory, const std::string& kind, const realtime::Vector7& q,
-                          const realtime::Pace* pace, bool robots);
+  SampledWay way_of_poses(realtime::TrajectoryGenerator& trajectory, const std::string& kind, const realtime::Cycle& cycle,
+                          const realtime::Vector7& q, const realtime::Pace* pace, bool robots);
   // The greatest share of its velocity that leaves the joints room to come to rest; 0 if there is none.
   double rate_with_room(realtime::Reference pose, const realtime::JointsOfPose& joints, bool robots);
 

@@ -124,8 +124,8 @@ class Controls : public Controller {
   Controls(const BadPart& message, const Arm&) : what_(message.what()) {
     if (what_ == BadPart::THROWS_AT_ONCE) throw std::invalid_argument("what is THROWS_AT_ONCE, which nobody wants");
   }
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kJoint; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  Channels takes() const noexcept override { return Channels::kJoint; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
   void start(const Cycle&, Reference&) noexcept override {}
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override {
     tau_J_d = 600 * (reference.joint.q - cycle.q) - 30 * cycle.dq;
@@ -139,9 +139,9 @@ class Controls : public Controller {
 class Leads : public TrajectoryGenerator {
  public:
   Leads(const bad_part::BadTrajectory& message, const Arm&) : what_(message.what()) {}
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override { goal_ = at_rest(from), steps_ = 0; }
-  bool step(double time, Reference& reference) noexcept override {
+  bool step(const Cycle&, double time, Reference& reference) noexcept override {
     reference = goal_;
     // The server's look at it takes less than 400 steps.
     if (++steps_ > 400) reference.joint.q[3] += misbehave(what_);

@@ -79,7 +79,7 @@ class SimulatedArm {
 // The arm as it is, as a reference at rest.
 inline realtime::Reference pose_reference(const SimulatedArm& arm) {
   realtime::Reference reference;
-  reference.kind = realtime::ReferenceKind::kCartesian;
+  reference.motion = realtime::Channels::kPose;
   reference.cartesian.position = arm.cycle.O_T_EE.translation();
   reference.cartesian.orientation = Eigen::Quaterniond(arm.cycle.O_T_EE.linear());
   reference.joint.q = arm.q;

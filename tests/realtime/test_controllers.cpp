@@ -30,7 +30,7 @@ using realtime::JointImpedance;
 using realtime::Matrix67;
 using realtime::Matrix7;
 using realtime::Reference;
-using realtime::ReferenceKind;
+using realtime::Channels;
 using realtime::SymmetricEigen;
 using realtime::Vector3;
 using realtime::Vector6;
@@ -499,14 +499,14 @@ TEST(InternalImpedance, the_robot_controller_follows_from_stiffness_and_referenc
   using fci::ControllerMode, fci::MotionGeneratorMode;
   const InternalImpedance plain({}), joint({Vector7(Vector7::Constant(100)), {}}),
       cartesian({{}, Vector6(Vector6::Constant(200))});
-  const auto mode = [](const InternalImpedance& law, ReferenceKind kind) { return law.mode(kind); };
-  EXPECT_EQ(mode(plain, ReferenceKind::kJoint),
+  const auto mode = [](const InternalImpedance& law, Channels kind) { return law.mode(kind); };
+  EXPECT_EQ(mode(plain, Channels::kJoint),
             (robot::Mode{ControllerMode::kJointImpedance, MotionGeneratorMode::kJointPosition}));
-  EXPECT_EQ(mode(joint, ReferenceKind::kCartesian),
+  EXPECT_EQ(mode(joint, Channels::kPose),
             (robot::Mode{ControllerMode::kJointImpedance, MotionGeneratorMode::kCartesianPosition}));
-  EXPECT_EQ(mode(cartesian, ReferenceKind::kJoint),
+  EXPECT_EQ(mode(cartesian, Channels::kJoint),
             (robot::Mode{ControllerMode::kCartesianImpedance, MotionGeneratorMode::kJointPosition}));
-  EXPECT_EQ(mode(cartesian, ReferenceKind::kCartesian),
+  EXPECT_EQ(mode(cartesian, Channels::kPose),
             (robot::Mode{ControllerMode::kCartesianImpedance, MotionGeneratorMode::kCartesianPosition}));
 
   EXPECT_EQ(joint.settings().joint_impedance->K_theta, (fci::Vector7{100, 100, 100, 100, 100, 100, 100}));

@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/joint_range.hpp"
 #include "realtime/rotation.hpp"
@@ -23,7 +24,7 @@ using realtime::JointDmp;
 using realtime::PoseDmp;
 using realtime::QuaternionPoseDmp;
 using realtime::Reference;
-using realtime::ReferenceKind;
+using realtime::Channels;
 using realtime::Vector3;
 using realtime::Vector7;
 
@@ -38,7 +39,7 @@ Reference joints() {
 }
 Reference pose() {
   Reference from;
-  from.kind = ReferenceKind::kCartesian;
+  from.motion = Channels::kPose;
   from.cartesian.position = {0.4, 0.1, 0.4};
   from.cartesian.orientation = realtime::exp({0.2, -0.1, 0.3}) * Eigen::Quaterniond(0, 1, 0, 0);
   return from;
@@ -95,7 +96,7 @@ TEST(JointDmps, keep_their_differential_equation_from_rest_and_moving) {
   motion.start(from);
   ASSERT_EQ(motion.stretch(), 1);
   for (const double t : {0.1234, 0.9, 1.9999}) {
-    motion.step(t, at);
+    motion.step(at_home(), t, at);
     for (int i = 0; i < 7; ++i) {
       const double y = integrated(
           spring,
@@ -126,7 +127,7 @@ TEST(GoalPoseDmps, answer_a_goal_as_a_spring_does) {
   motion.start(pose());
   ASSERT_EQ(motion.stretch(), 1);
   for (double t = 0.05; t < 3; t += 0.1) {
-    motion.step(t, at);
+    motion.step(at_home(), t, at);
     const double way = 1 - (1 + w * t) * std::exp(-w * t);
     EXPECT_LT((at.cartesian.position - pose().cartesian.position - way * Vector3(0.08, 0, -0.05)).norm(), 1e-10);
     EXPECT_LT(at.cartesian.orientation.angularDistance(pose().cartesian.orientation), 1e-9);
@@ -167,7 +168,7 @@ TEST(PoseDmps, of_three_dimensions_leave_the_others) {
                    limits);
     motion.start(from);
     for (double t = 0; t < 2; t += 0.1) {
-      motion.step(t, at);
+      motion.step(at_home(), t, at);
       const double moved = (at.cartesian.position - from.cartesian.position).norm();
       const double turned = at.cartesian.orientation.angularDistance(from.cartesian.orientation);
       EXPECT_LT(position ? turned : moved, 1e-12);
@@ -186,8 +187,8 @@ TEST(PoseDmps, in_the_frame_of_the_end_effector_go_along_its_axes_at_the_start) 
   base.start(from);
   hand.start(from);
   for (double t = 0; t < 2; t += 0.1) {
-    base.step(t, a);
-    hand.step(t, b);
+    base.step(at_home(), t, a);
+    hand.step(at_home(), t, b);
     const Vector3 way = a.cartesian.position - from.cartesian.position;
     EXPECT_LT((b.cartesian.position - from.cartesian.position - from.cartesian.orientation * way).norm(), 1e-12);
   }
@@ -212,7 +213,7 @@ TEST(QuaternionPoseDmps, turn_to_their_goal_as_the_spring_of_unit_quaternions) {
   Reference at;
   const double s = motion.stretch();
   for (double t = 0.1; t < 1.9; t += 0.2) {
-    motion.step(s * t, at);
+    motion.step(at_home(), s * t, at);
     const double left = angle * (1 + w * t) * std::exp(-w * t);
     EXPECT_NEAR(at.cartesian.orientation.angularDistance(parameters.goal), left, 1e-8);
   }
@@ -239,7 +240,7 @@ TEST(QuaternionPoseDmps, turn_to_their_goal_as_the_spring_of_unit_quaternions) {
       return r;
     };
     const double r = 2 * run(40000) - run(20000);
-    pushed.step(slower * end, at);
+    pushed.step(at_home(), slower * end, at);
     const Eigen::Quaterniond expected = realtime::exp(r * axis) * parameters.goal;
     EXPECT_LT(at.cartesian.orientation.angularDistance(expected), 2e-5) << end;
   }
@@ -257,7 +258,7 @@ TEST(Dmps, are_slower_where_the_limits_ask_for_it) {
     Reference at;
     double used = 0;
     for (double t = 0; t < motion.duration(); t += motion.duration() / 1000) {
-      motion.step(t, at);
+      motion.step(at_home(), t, at);
       for (int i = 0; i < 7; ++i) {
         used = std::max(
             {used, std::abs(at.joint.dq[i]) / limits.dq_max[i], std::abs(at.joint.ddq[i]) / limits.ddq_max[i]});

@@ -606,13 +606,13 @@ TEST_P(ForceControllers, an_estimate_that_is_no_number_is_not_felt) {
   }
 }
 
-TEST_P(ForceControllers, they_say_what_they_exert) {
+TEST_P(ForceControllers, they_say_what_they_take) {
   for (auto& [name, law] : all_laws(arm)) {
-    EXPECT_TRUE(law->exerts(Effort::kNone)) << name;
+    EXPECT_NE(motion_of(law->takes()), Channels::kNone) << name;
     const bool torque = name == "PassThroughJointTorque";
     const bool none = name == "Lqr" || name == "Admittance" || name == "JointImpedance";
-    EXPECT_EQ(law->exerts(Effort::kTorque), torque) << name;
-    EXPECT_EQ(law->exerts(Effort::kWrench), !torque && !none) << name;
+    EXPECT_EQ(has(law->takes(), Channels::kTorque), torque) << name;
+    EXPECT_EQ(has(law->takes(), Channels::kWrench), !torque && !none) << name;
     EXPECT_EQ(law->tracks(), name == "Lqr" || name == "JointImpedance") << name;
   }
 }

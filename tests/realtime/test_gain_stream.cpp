@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "allocation_counter.hpp"
+#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/controllers/force_position.hpp"
@@ -199,14 +200,14 @@ class StreamedForce : public testing::Test {
     return sample_of<22>(3, values);
   }
   void SetUp() override {
-    reference.kind = ReferenceKind::kCartesian;
+    reference.motion = Channels::kPose;
     reference.cartesian.position = {0.4, 0, 0.5};
     stream.start(reference);
   }
 };
 
 TEST_F(StreamedForce, GoesToThePoseAndTheWrenchThatAreSent) {
-  EXPECT_EQ(stream.effort(), Effort::kWrench);
+  EXPECT_EQ(stream.fills(), Channels::kPose | Channels::kWrench);
   Eigen::Isometry3d pose(Eigen::AngleAxisd(0.4, Vector3(1, 2, 3).normalized()));
   pose.translation() = Vector3(0.45, 0.1, 0.45);
   const Vector6 wrench = (Vector6() << 1, 2, -20, 0.5, 0, -1).finished();
@@ -214,7 +215,7 @@ TEST_F(StreamedForce, GoesToThePoseAndTheWrenchThatAreSent) {
   input->put(message(pose, wrench));
   Vector6 before = Vector6::Zero();
   for (int i = 0; i < 5000; ++i) {
-    EXPECT_FALSE(stream.step(i * 0.001, reference));
+    EXPECT_FALSE(stream.step(at_home(), i * 0.001, reference));
     EXPECT_LT((reference.wrench - before).norm(), 1.01 * wrench.norm() / 50);
     before = reference.wrench;
   }

@@ -15,7 +15,7 @@
 namespace {
 
 using realtime::Reference;
-using realtime::ReferenceKind;
+using realtime::Channels;
 using realtime::Vector3;
 using realtime::Vector7;
 
@@ -118,7 +118,7 @@ class AnyArm : public testing::TestWithParam<Case> {
 
   Reference pose_start() {
     Reference from;
-    from.kind = ReferenceKind::kCartesian;
+    from.motion = Channels::kPose;
     from.cartesian.position = Vector3(0.5, 0, 0.4);
     from.cartesian.orientation = realtime::exp(uniform(0, 3) * direction());
     from.cartesian.velocity << uniform(0, 0.9) * limits.translation.velocity * direction(),
@@ -235,7 +235,7 @@ TEST_P(AnyArm, joints_that_follow_a_pose_obey_their_limits_whatever_pose_is_aske
   for (int kind = 0; kind < 4; ++kind) {
     for (int trial = 0; trial < 6; ++trial) {
       Reference from, wanted, out;
-      from.kind = ReferenceKind::kCartesian;
+      from.motion = Channels::kPose;
       Vector7 q = Vector7::Map(models::kHome.data());
       const Eigen::Isometry3d home = model.O_T_EE(q);
       from.cartesian.position = home.translation();
@@ -288,7 +288,7 @@ TEST_P(AnyArm, joints_that_follow_a_pose_obey_their_limits_whatever_pose_is_aske
 TEST_P(AnyArm, a_pose_that_leaves_rest_gently_is_not_held) {
   realtime::Model model(models::urdf(models::arm(GetParam().arm), GetParam().version));
   Reference from;
-  from.kind = ReferenceKind::kCartesian;
+  from.motion = Channels::kPose;
   const Vector7 q = Vector7::Map(models::kHome.data());
   from.cartesian.position = model.O_T_EE(q).translation();
   from.cartesian.orientation = Eigen::Quaterniond(model.O_T_EE(q).linear());
@@ -314,7 +314,7 @@ TEST_P(AnyArm, a_pose_in_mid_motion_is_not_led_astray) {
   realtime::PoseJoints joints(model, limits);
   joints.place(Vector7::Map(models::kHome.data()));
   Reference from;
-  from.kind = ReferenceKind::kCartesian;
+  from.motion = Channels::kPose;
   from.cartesian = realtime::at(model.O_T_EE(Vector7::Map(models::kHome.data())));
   const Reference wanted = from;
   from.cartesian.velocity[2] = 0.1;
@@ -378,7 +378,7 @@ TEST_P(AnyArm, a_reference_that_obeys_is_passed_on_unchanged) {
 
 TEST_P(AnyArm, a_pose_reference_that_obeys_is_passed_on_unchanged) {
   Reference wanted;
-  wanted.kind = ReferenceKind::kCartesian;
+  wanted.motion = Channels::kPose;
   const Vector3 axis = direction();
   const auto sine = [&](double t) {
     auto& pose = wanted.cartesian;
@@ -560,7 +560,7 @@ TEST_P(AnyArm, joints_that_follow_any_pose_keep_their_limits_next_to_singulariti
       home.joint.q[i] = std::clamp(models::kHome[i] + uniform(-1, 1), limits.q_min[i] + 0.2, limits.q_max[i] - 0.2);
     }
     Reference from;
-    from.kind = ReferenceKind::kCartesian;
+    from.motion = Channels::kPose;
     const Eigen::Isometry3d start = model.O_T_EE(home.joint.q);
     from.cartesian.position = start.translation();
     from.cartesian.orientation = Eigen::Quaterniond(start.linear());

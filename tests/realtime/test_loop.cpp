@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "allocation_counter.hpp"
+#include "at_home.hpp"
 #include "mock_driver.hpp"
 #include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/controllers/joint_impedance.hpp"
@@ -35,9 +36,9 @@ JointImpedance::Parameters gains(double scale = 1) {
 
 // The robot's own controller.
 struct Internal : Controller {
-  bool accepts(ReferenceKind) const noexcept override { return true; }
-  robot::Mode mode(ReferenceKind kind) const noexcept override {
-    return kind == ReferenceKind::kJoint ? kInternalJoint : kInternalPose;
+  Channels takes() const noexcept override { return Channels::kJoint | Channels::kPose; }
+  robot::Mode mode(Channels kind) const noexcept override {
+    return kind == Channels::kJoint ? kInternalJoint : kInternalPose;
   }
   void start(const Cycle&, Reference&) noexcept override {}
   void step(const Cycle&, const Reference&, Vector7&) noexcept override { ADD_FAILURE() << "has no torque"; }
@@ -45,8 +46,8 @@ struct Internal : Controller {
 
 // Spring and damper on the pose: enough of a controller to follow Cartesian references under torque control.
 struct PoseSpring : Controller {
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  Channels takes() const noexcept override { return Channels::kPose; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
   void start(const Cycle&, Reference&) noexcept override {}
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau) noexcept override {
     Vector6 force;
@@ -83,10 +84,21 @@ struct ConstantTorque : JointImpedance {
 struct BrokenTrajectory : MinJerkJoint {
   using MinJerkJoint::MinJerkJoint;
   double from = 0;
-  bool step(double time, Reference& reference) noexcept override {
-    const bool over = MinJerkJoint::step(time, reference);
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
+    const bool over = MinJerkJoint::step(cycle, time, reference);
     if (time > from) reference.joint.q[2] = INFINITY;
     return over;
+  }
+};
+
+// Looks whether the cycle is that of the arm.
+struct SeesTheArm : MinJerkJoint {
+  using MinJerkJoint::MinJerkJoint;
+  int steps = 0, wrong = 0;
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
+    ++steps;
+    wrong += cycle.q != Vector7::Map(cycle.state.q.data()) || std::abs(cycle.time - time) > 1e-9;
+    return MinJerkJoint::step(cycle, time, reference);
   }
 };
 
@@ -97,9 +109,9 @@ struct OddTrajectory : MinJerkJoint {
   double duration() const noexcept override {
     return what == kNeverEnds ? INFINITY : what == kIsOverAtOnce ? 0 : MinJerkJoint::duration();
   }
-  bool step(double time, Reference& reference) noexcept override {
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
     if (what == kIsOverAtOnce) reference = goal();
-    const bool over = what == kIsOverAtOnce || MinJerkJoint::step(time, reference);
+    const bool over = what == kIsOverAtOnce || MinJerkJoint::step(cycle, time, reference);
     if (what == kLeaps && !over && std::fmod(time, 0.2) > 0.1) reference.joint.q[1] += 0.5;
     return over && what != kNeverEnds;
   }
@@ -129,9 +141,9 @@ struct DoingTrajectory : MinJerkJoint {
   Deed deed;
   DoingTrajectory(const Parameters& parameters, const models::Limits& limits, Deed d)
       : MinJerkJoint(parameters, limits), deed(d) {}
-  bool step(double time, Reference& reference) noexcept override {
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
     if (time > 0.1) deed();
-    return MinJerkJoint::step(time, reference);
+    return MinJerkJoint::step(cycle, time, reference);
   }
 };
 struct DoingTermination : Termination {
@@ -228,13 +240,14 @@ class LoopTest : public testing::Test {
 
   std::uint64_t give(std::unique_ptr<TrajectoryGenerator> trajectory, std::unique_ptr<Controller> controller,
                      robot::Settings settings = {}, std::unique_ptr<Termination> termination = nullptr,
-                     bool queued = false, double blend = 0) {
+                     bool queued = false, double blend = 0, double speed = 1) {
     auto skill = std::make_unique<Skill>();
     if (queued) skill->after = given;
     skill->blend = blend;
+    skill->speed = speed;
     skill->id = ++given;
     ++in_work;
-    skill->mode = controller->mode(trajectory->reference_kind());
+    skill->mode = controller->mode(motion_of(trajectory->fills()));
     skill->settings = settings;
     skill->trajectory = std::move(trajectory);
     skill->controller = std::move(controller);
@@ -521,7 +534,7 @@ TEST_F(LoopTest, UnevenTicksLeadAlongTheSameMotion) {
       robot.ticks = i / 8 % (c.repeat + 1) == 0 ? c.ticks : std::array<int, 8>{1, 1, 1, 1, 1, 1, 1, 1};
       ASSERT_TRUE(cycle());
       if (last.phase != Phase::kRunning) continue;
-      even.step(last.skill_time, at);
+      even.step(at_home(), last.skill_time, at);
       worst = std::max(worst, (last.reference.joint.q - at.joint.q).norm());
     }
     ASSERT_GT(results.size(), before);
@@ -535,6 +548,41 @@ TEST_F(LoopTest, UnevenTicksLeadAlongTheSameMotion) {
     ASSERT_TRUE(until(Phase::kIdle));
   }
   EXPECT_GT(last.lost_states, 100u);
+}
+
+TEST_F(LoopTest, ATrajectorySeesTheCycleAsAControllerDoes) {
+  const Vector7 goal = robot.q() + Vector7::Constant(0.2);
+  auto trajectory = std::make_unique<SeesTheArm>(MinJerkJoint::Parameters{goal, 0.5}, robot.limits);
+  const SeesTheArm& sees = *trajectory;
+  give(std::move(trajectory), std::make_unique<JointImpedance>(gains()));
+  ASSERT_TRUE(until(Phase::kHolding));  // the skill is kept until another takes over
+  EXPECT_GE(sees.steps, 500);
+  EXPECT_EQ(sees.wrong, 0);
+}
+
+TEST_F(LoopTest, SpeedIsThatOfTheTimeAlongTheTrajectory) {
+  for (const double speed : {1., 0.5, 0.1}) {
+    const Vector7 q = robot.q();
+    MinJerkJoint even({q + Vector7::Constant(0.1), 0.5}, robot.limits);
+    Reference from, at;
+    from.joint.q = q;
+    even.start(from);
+    give(by(0.1, 0.5), std::make_unique<Internal>(), {}, nullptr, false, 0, speed);
+    double worst = 0, worst_rate = 0;
+    const std::size_t before = results.size();
+    while (results.size() == before) {
+      ASSERT_TRUE(cycle());
+      if (last.phase != Phase::kRunning) continue;
+      even.step(at_home(), speed * last.skill_time, at);
+      worst = std::max(worst, (last.reference.joint.q - at.joint.q).norm());
+      worst_rate = std::max(worst_rate, (last.reference.joint.dq - speed * at.joint.dq).norm());
+    }
+    EXPECT_LT(worst, 1e-6);
+    EXPECT_LT(worst_rate, 1e-6);
+    EXPECT_NEAR(results.back().time, 0.5 / speed, 3e-3);
+    EXPECT_EQ(results.back().stretch, 1);
+    ASSERT_TRUE(until(Phase::kIdle));
+  }
 }
 
 TEST_F(LoopTest, FollowsItsOwnReferenceThroughLostStatesUnderTorque) {
@@ -1010,13 +1058,13 @@ TEST_F(LoopTest, ReferencesOfBothKindsShareATorqueMotion) {
   give(to_pose({0.02, 0.02, -0.02}, 0.6), std::make_unique<PoseSpring>());
   cycle();
   EXPECT_EQ(last.skill_id, 2u);
-  EXPECT_EQ(last.reference.kind, ReferenceKind::kCartesian);
+  EXPECT_EQ(last.reference.motion, Channels::kPose);
   EXPECT_LT((last.reference.cartesian.position - model.O_T_EE().translation()).norm(), 0.02);
   cycles(300);
   give_torque(0.05, 0.5);
   cycle();
   EXPECT_EQ(last.skill_id, 3u);
-  EXPECT_EQ(last.reference.kind, ReferenceKind::kJoint);
+  EXPECT_EQ(last.reference.motion, Channels::kJoint);
   ASSERT_TRUE(until([&] { return results_seen == 3; }));
   EXPECT_EQ(posted(fci::Command::kMove), 1);
   EXPECT_EQ(robot.uncommanded, 0);

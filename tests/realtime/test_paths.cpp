@@ -7,6 +7,7 @@
 #include <random>
 #include <string>
 
+#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/trajectories/impulse.hpp"
@@ -24,7 +25,7 @@ using realtime::JointWaypoints;
 using realtime::PoseSamples;
 using realtime::PoseWaypoints;
 using realtime::Reference;
-using realtime::ReferenceKind;
+using realtime::Channels;
 using realtime::Vector3;
 using realtime::Vector6;
 using realtime::Vector7;
@@ -48,7 +49,7 @@ class Paths : public testing::TestWithParam<const char*> {
   }
   static Reference pose(const Eigen::Isometry3d& T) {
     Reference from;
-    from.kind = ReferenceKind::kCartesian;
+    from.motion = Channels::kPose;
     from.cartesian.position = T.translation();
     from.cartesian.orientation = Eigen::Quaterniond(T.linear());
     return from;
@@ -78,7 +79,7 @@ TEST_P(Paths, joint_waypoints_are_passed_at_their_times) {
     EXPECT_EQ(motion.stretch(), 1);
     EXPECT_NEAR(motion.duration(), 5, 1e-12);
     for (std::size_t k = 0; k < 4; ++k) {
-      motion.step(parameters.times[k], at);
+      motion.step(at_home(), parameters.times[k], at);
       EXPECT_LT((at.joint.q - parameters.q[k]).norm(), 1e-12) << k;
     }
   }
@@ -93,7 +94,7 @@ TEST_P(Paths, waypoints_are_passed_also_from_elsewhere) {
   motion.start(from);
   const double wait = motion.duration() - motion.stretch() * 2;
   EXPECT_GT(wait, 0.1);
-  motion.step(wait + motion.stretch() * 0.2, at);
+  motion.step(at_home(), wait + motion.stretch() * 0.2, at);
   EXPECT_LT((at.joint.q - parameters.q[0]).norm(), 1e-12);
 }
 
@@ -110,7 +111,7 @@ TEST_P(Paths, waypoints_that_come_too_soon_are_stretched_to_the_limits) {
   double used = 0;
   Reference at, before = joints();
   for (double t = 0; t < motion.duration(); t += 1e-3) {
-    motion.step(t, at);
+    motion.step(at_home(), t, at);
     for (int i = 0; i < 7; ++i) {
       const double most = at.joint.dq[i] > 0 ? limits.dq_upper(i, at.joint.q[i]) : -limits.dq_lower(i, at.joint.q[i]);
       used = std::max({used, std::abs(at.joint.dq[i]) / most, std::abs(at.joint.ddq[i]) / limits.ddq_max[i],
@@ -157,7 +158,7 @@ TEST_P(Paths, waypoints_of_poses_are_passed_at_their_times) {
   ASSERT_EQ(motion.stretch(), 1);
   Reference at;
   for (std::size_t k = 0; k < 3; ++k) {
-    motion.step(parameters.times[k], at);
+    motion.step(at_home(), parameters.times[k], at);
     EXPECT_LT((at.cartesian.position - parameters.position[k]).norm(), 1e-12);
     EXPECT_LT(at.cartesian.orientation.angularDistance(parameters.orientation[k]), 1e-7);
   }
@@ -173,7 +174,7 @@ TEST_P(Paths, a_turn_between_two_poses_is_the_shortest) {
   motion.start(pose(start));
   Reference at;
   for (double t = 0; t < motion.duration(); t += 0.05) {
-    motion.step(t, at);
+    motion.step(at_home(), t, at);
     const Vector3 r = realtime::log(at.cartesian.orientation * Eigen::Quaterniond(start.linear()).conjugate());
     EXPECT_LT(r.cross(axis).norm(), 1e-9);
   }
@@ -189,13 +190,13 @@ TEST_P(Paths, samples_are_followed_exactly_each_ms) {
   EXPECT_NEAR(motion.duration(), 2, 1e-12);
   Reference at;
   for (int k = 0; k < 2000; ++k) {
-    motion.step(k * 1e-3, at);
+    motion.step(at_home(), k * 1e-3, at);
     EXPECT_LT((at.joint.q - q.col(k)).norm(), 1e-9);
     // Velocity of the curve that was sampled.
     const double s = k / 2000.0;
     EXPECT_NEAR(at.joint.dq[0], 0.2 / 2 * 30 * s * s * (1 - s) * (1 - s), 1e-5);
   }
-  motion.step(0.5005, at);
+  motion.step(at_home(), 0.5005, at);
   EXPECT_NEAR(at.joint.q[3], home()[3] + 0.2 * rise(0.5005 / 2), 1e-9);
 }
 
@@ -234,7 +235,7 @@ TEST_P(Paths, samples_of_poses_are_followed_exactly_each_ms) {
   ASSERT_EQ(motion.stretch(), 1);
   Reference at;
   for (int k = 0; k < 1500; k += 7) {
-    motion.step(k * 1e-3, at);
+    motion.step(at_home(), k * 1e-3, at);
     EXPECT_LT((at.cartesian.position - position.col(k)).norm(), 1e-12);
     const auto& o = quaternion.col(k);
     EXPECT_LT(at.cartesian.orientation.angularDistance(Eigen::Quaterniond(o[0], o[1], o[2], o[3])), 1e-7);
@@ -250,9 +251,9 @@ TEST_P(Paths, what_differs_at_the_start_fades_away) {
   from.joint.q.array() -= 0.03;
   from.joint.dq.setConstant(0.1);
   motion.start(from);
-  motion.step(0, at);
+  motion.step(at_home(), 0, at);
   EXPECT_LT((at.joint.q - from.joint.q).norm(), 1e-12);
-  motion.step(1, at);
+  motion.step(at_home(), 1, at);
   EXPECT_LT((at.joint.q - q.col(1000)).norm(), 1e-12);
 }
 
@@ -308,18 +309,18 @@ TEST_P(Paths, refuse_what_does_not_fit_by_name) {
 
 TEST(Impulses, rise_hold_and_fall) {
   realtime::Impulse impulse({Vector3(0, 0, 10), Vector3(1, 0, 0), 0.2, 1});
-  EXPECT_EQ(impulse.effort(), realtime::Effort::kWrench);
+  EXPECT_EQ(impulse.fills(), realtime::Channels::kPose | realtime::Channels::kWrench);
   Reference from, at;
-  from.kind = ReferenceKind::kCartesian;
+  from.motion = Channels::kPose;
   from.cartesian.velocity.setOnes();
   impulse.start(from);
   for (const auto& [time, share] :
        {std::pair{0.0, 0.0}, {0.1, 0.5}, {0.2, 1.0}, {0.5, 1.0}, {0.8, 1.0}, {0.95, 0.25}}) {
-    EXPECT_FALSE(impulse.step(time, at));
+    EXPECT_FALSE(impulse.step(at_home(), time, at));
     EXPECT_LT((at.wrench - share * (Vector6() << 0, 0, 10, 1, 0, 0).finished()).norm(), 1e-12) << time;
     EXPECT_EQ(at.cartesian.velocity.norm(), 0);
   }
-  EXPECT_TRUE(impulse.step(1, at));
+  EXPECT_TRUE(impulse.step(at_home(), 1, at));
   EXPECT_EQ(at.wrench.norm(), 0);
   EXPECT_TRUE(refusal([] {
                 realtime::Impulse({Vector3(300, 0, 0), Vector3::Zero(), 0.1, 1});
@@ -332,17 +333,17 @@ TEST(Impulses, rise_hold_and_fall) {
 TEST(LinearForcePositions, lead_pose_and_wrench_in_proportion) {
   const models::Limits& limits = models::limits(models::arm("fer"), 5);
   realtime::LinearForcePosition motion({{{0.5, 0, 0.4}, {0, 1, 0, 0}, 4}, Vector3(0, 0, -8), Vector3(0, 1, 0)}, limits);
-  EXPECT_EQ(motion.effort(), realtime::Effort::kWrench);
+  EXPECT_EQ(motion.fills(), realtime::Channels::kPose | realtime::Channels::kWrench);
   Reference from, at;
-  from.kind = ReferenceKind::kCartesian;
+  from.motion = Channels::kPose;
   from.cartesian.position = {0.4, 0.1, 0.4};
   from.cartesian.orientation = Eigen::Quaterniond(0, 1, 0, 0);
   from.wrench << 4, 0, 0, 0, 0, 0;
   motion.start(from);
-  EXPECT_FALSE(motion.step(1, at));
+  EXPECT_FALSE(motion.step(at_home(), 1, at));
   EXPECT_LT((at.cartesian.position - Vector3(0.425, 0.075, 0.4)).norm(), 1e-12);
   EXPECT_LT((at.wrench - (Vector6() << 3, 0, -2, 0, 0.25, 0).finished()).norm(), 1e-12);
-  EXPECT_TRUE(motion.step(4, at));
+  EXPECT_TRUE(motion.step(at_home(), 4, at));
   EXPECT_LT((at.wrench - (Vector6() << 0, 0, -8, 0, 1, 0).finished()).norm(), 1e-12);
 }
 

@@ -29,7 +29,7 @@ using realtime::MinJerkJoint;
 using realtime::MinJerkPose;
 using realtime::Progress;
 using realtime::Reference;
-using realtime::ReferenceKind;
+using realtime::Channels;
 using realtime::Time;
 using realtime::Vector3;
 using realtime::Vector7;
@@ -68,8 +68,7 @@ TEST_F(Terminations, time_after_the_trajectory_counts_from_its_end_wherever_that
 
 TEST_F(Terminations, final_joint_looks_at_every_commanded_joint) {
   FinalJoint final({Vector7::Constant(1e-3)});
-  EXPECT_TRUE(final.accepts(ReferenceKind::kJoint));
-  EXPECT_FALSE(final.accepts(ReferenceKind::kCartesian));
+  EXPECT_EQ(final.judges(), Channels::kJoint);
   const Progress progress{joints, false, reference};
   reference.joint.q = goal_q;
   EXPECT_TRUE(final.step(arm.cycle, progress));
@@ -99,7 +98,7 @@ TEST_F(Terminations, final_pose_looks_at_reference_or_arm) {
   const Eigen::Isometry3d here = arm.cycle.O_T_EE;
   const MinJerkPose pose({here.translation(), Eigen::Quaterniond(here.linear()), 1}, limits);
   FinalPose of_arm({Vector3::Constant(1e-3), 0.01, realtime::Judged::kArm}), of_reference({Vector3::Constant(1e-3), 0.01});
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   reference.cartesian = realtime::at(here);
   const Progress progress{pose, false, reference};
   arm.cycle.O_T_EE.translation().x() += 2e-3;
@@ -115,7 +114,7 @@ TEST_F(Terminations, final_pose_looks_at_each_axis_and_the_angle) {
   const Vector3 position = arm.cycle.O_T_EE.translation();
   const Eigen::Quaterniond orientation(arm.cycle.O_T_EE.linear());
   FinalPose final({Vector3(1e-3, 2e-3, 3e-3), 0.01, realtime::Judged::kArm});
-  EXPECT_FALSE(final.accepts(ReferenceKind::kJoint));
+  EXPECT_EQ(final.judges(), Channels::kPose);
   const auto ends = [&](const Vector3& p, const Eigen::Quaterniond& R) {
     const MinJerkPose pose({p, R, 1}, limits);
     return final.step(arm.cycle, Progress{pose, false, reference});
@@ -273,8 +272,7 @@ TEST_F(Terminations, composites_ask_all_of_their_parts_every_time) {
   of_joints.push_back(std::make_unique<FinalJoint>(FinalJoint::Parameters{Vector7::Zero()}));
   of_joints.push_back(std::make_unique<realtime::Never>());
   const realtime::AllOf never(std::move(of_joints));
-  EXPECT_TRUE(never.accepts(ReferenceKind::kJoint));
-  EXPECT_FALSE(never.accepts(ReferenceKind::kCartesian));
+  EXPECT_EQ(never.judges(), Channels::kJoint);
 }
 
 std::string refusal(const std::function<void()>& construct) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "allocation_counter.hpp"
+#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/limiter.hpp"
 #include "realtime/rotation.hpp"
@@ -33,7 +34,7 @@
 namespace {
 
 using realtime::Reference;
-using realtime::ReferenceKind;
+using realtime::Channels;
 using realtime::TimeLaw;
 using realtime::Vector3;
 using realtime::Vector6;
@@ -252,11 +253,11 @@ const std::vector<Case> kCases = {
      false},
     {"StayJoint",
      [](const models::Limits&, std::mt19937& random) -> Generator {
-       return std::make_unique<realtime::Stay>(ReferenceKind::kJoint, uniform(random, 0.1, 1));
+       return std::make_unique<realtime::Stay>(Channels::kJoint, uniform(random, 0.1, 1));
      }},
     {"StayPose",
      [](const models::Limits&, std::mt19937& random) -> Generator {
-       return std::make_unique<realtime::Stay>(ReferenceKind::kCartesian, uniform(random, 0.1, 1));
+       return std::make_unique<realtime::Stay>(Channels::kPose, uniform(random, 0.1, 1));
      }},
 };
 
@@ -272,9 +273,9 @@ class EveryTrajectory : public testing::TestWithParam<Parameter> {
   std::mt19937 random{7};
 
   Generator make() { return test.make(limits, random); }
-  static Reference at_rest(ReferenceKind kind, std::mt19937& random) {
+  static Reference at_rest(Channels kind, std::mt19937& random) {
     Reference from;
-    from.kind = kind;
+    from.motion = kind;
     from.joint.q = posture(random);
     from.cartesian.position = position(random);
     from.cartesian.orientation = orientation(random);
@@ -294,28 +295,28 @@ INSTANTIATE_TEST_SUITE_P(Arms, EveryTrajectory, testing::ValuesIn(parameters()),
 });
 
 double distance(const Reference& a, const Reference& b) {
-  if (a.kind == ReferenceKind::kJoint) return (a.joint.q - b.joint.q).norm();
+  if (a.motion == Channels::kJoint) return (a.joint.q - b.joint.q).norm();
   return (a.cartesian.position - b.cartesian.position).norm() +
          realtime::log(a.cartesian.orientation * b.cartesian.orientation.conjugate()).norm();
 }
 double speed(const Reference& a) {
-  return a.kind == ReferenceKind::kJoint ? a.joint.dq.norm() : a.cartesian.velocity.norm();
+  return a.motion == Channels::kJoint ? a.joint.dq.norm() : a.cartesian.velocity.norm();
 }
 
 TEST_P(EveryTrajectory, begins_where_the_reference_is_and_ends_at_its_goal_at_rest) {
   for (int n = 0; n < 20; ++n) {
     const Generator motion = make();
-    const Reference from = at_rest(motion->reference_kind(), random);
+    const Reference from = at_rest(motion_of(motion->fills()), random);
     motion->start(from);
     EXPECT_GE(motion->stretch(), 1 - 1e-12);
     Reference at;
-    at.kind = from.kind;
-    EXPECT_FALSE(motion->step(0, at));
-    EXPECT_EQ(at.kind, motion->reference_kind());
+    at.motion = from.motion;
+    EXPECT_FALSE(motion->step(at_home(), 0, at));
+    EXPECT_EQ(at.motion, motion_of(motion->fills()));
     EXPECT_LT(distance(at, from), 1e-9);
-    EXPECT_FALSE(motion->step(motion->duration() - 1e-6, at));
+    EXPECT_FALSE(motion->step(at_home(), motion->duration() - 1e-6, at));
     EXPECT_LT(distance(at, motion->goal()), 1e-5);
-    EXPECT_TRUE(motion->step(motion->duration(), at));
+    EXPECT_TRUE(motion->step(at_home(), motion->duration(), at));
     EXPECT_EQ(distance(at, motion->goal()), 0);
     EXPECT_EQ(speed(at), 0);
   }
@@ -323,13 +324,13 @@ TEST_P(EveryTrajectory, begins_where_the_reference_is_and_ends_at_its_goal_at_re
 
 TEST_P(EveryTrajectory, begins_where_its_path_begins_or_ends_to_the_last_bit) {
   const Generator motion = make();
-  Reference from = at_rest(motion->reference_kind(), random), at;
+  Reference from = at_rest(motion_of(motion->fills()), random), at;
   from.joint.q = home();
   from.cartesian.position = Vector3(0.4, 0, 0.4);
   from.cartesian.orientation.setIdentity();
   for (int n = 0; n < 2; ++n) {
     motion->start(from);
-    for (double t = 0; !motion->step(t, at); t += kDt) EXPECT_TRUE(is_finite(at)) << t;
+    for (double t = 0; !motion->step(at_home(), t, at); t += kDt) EXPECT_TRUE(is_finite(at)) << t;
     EXPECT_TRUE(is_finite(at));
     from = motion->goal();
   }
@@ -340,19 +341,19 @@ TEST_P(EveryTrajectory, goes_on_from_a_moving_reference) {
   if (!name.ends_with("Dmp") && !name.ends_with("Waypoints") && !name.ends_with("Samples")) GTEST_SKIP() << "another law";
   for (int n = 0; n < 20; ++n) {
     const Generator motion = make();
-    Reference from = at_rest(motion->reference_kind(), random);
+    Reference from = at_rest(motion_of(motion->fills()), random);
     for (double& each : from.joint.dq) each = uniform(random, -0.3, 0.3);
     from.cartesian.velocity << 0.2 * direction(random), 0.4 * direction(random);
     motion->start(from);
     Reference at;
-    EXPECT_FALSE(motion->step(0, at));
+    EXPECT_FALSE(motion->step(at_home(), 0, at));
     EXPECT_LT(distance(at, from), 1e-9);
-    const bool joint = from.kind == ReferenceKind::kJoint;
+    const bool joint = from.motion == Channels::kJoint;
     EXPECT_LT(joint ? (at.joint.dq - from.joint.dq).norm() : (at.cartesian.velocity - from.cartesian.velocity).norm(), 1e-9);
     if (!name.ends_with("Dmp")) {
       EXPECT_LT(joint ? at.joint.ddq.norm() : at.cartesian.acceleration.norm(), 1e-9);
     }
-    EXPECT_FALSE(motion->step(motion->duration() - 1e-6, at));
+    EXPECT_FALSE(motion->step(at_home(), motion->duration() - 1e-6, at));
     EXPECT_LT(distance(at, motion->goal()), 1e-5);
   }
 }
@@ -361,15 +362,15 @@ TEST_P(EveryTrajectory, has_the_derivatives_of_its_positions) {
   constexpr double h = 1e-6;
   for (int n = 0; n < 10; ++n) {
     const Generator motion = make();
-    motion->start(at_rest(motion->reference_kind(), random));
+    motion->start(at_rest(motion_of(motion->fills()), random));
     int off = 0, samples = 0;
     for (double t = 0.0131; t < motion->duration() - 0.01; t += 0.0437, ++samples) {
       Reference before, at, after;
-      motion->step(t - h, before);
-      motion->step(t, at);
-      motion->step(t + h, after);
+      motion->step(at_home(), t - h, before);
+      motion->step(at_home(), t, at);
+      motion->step(at_home(), t + h, after);
       Eigen::VectorXd v, dv, a, da;
-      if (at.kind == ReferenceKind::kJoint) {
+      if (at.motion == Channels::kJoint) {
         v = at.joint.dq;
         a = at.joint.ddq;
         dv = (after.joint.q - before.joint.q) / (2 * h);
@@ -391,13 +392,13 @@ TEST_P(EveryTrajectory, has_the_derivatives_of_its_positions) {
 TEST_P(EveryTrajectory, is_followed_to_its_goal_inside_the_limits) {
   for (int n = 0; n < 8; ++n) {
     const Generator motion = make();
-    const Reference from = at_rest(motion->reference_kind(), random);
+    const Reference from = at_rest(motion_of(motion->fills()), random);
     motion->start(from);
     realtime::Limiter limiter(limits);
     limiter.reset(from);
     Reference wanted, out;
     int held = 0, k = 0;
-    while (!motion->step(++k * kDt, wanted)) held += limiter.follow(wanted, kDt, out);
+    while (!motion->step(at_home(), ++k * kDt, wanted)) held += limiter.follow(wanted, kDt, out);
     if (test.smooth) {
       EXPECT_EQ(held, 0) << "of " << k;
     }
@@ -410,12 +411,13 @@ TEST_P(EveryTrajectory, is_followed_to_its_goal_inside_the_limits) {
 TEST_P(EveryTrajectory, allocates_nothing_in_the_loop) {
   if (!allocations::kCounts) GTEST_SKIP() << "the heap belongs to a sanitizer";
   const Generator motion = make();
-  const Reference from = at_rest(motion->reference_kind(), random);
+  const Reference from = at_rest(motion_of(motion->fills()), random);
   Reference at;
+  const realtime::Cycle& cycle = at_home();
   testing_tools::AllocationCounter allocations;
   for (int n = 0; n < 10; ++n) {
     motion->start(from);
-    for (double t = 0; !motion->step(t, at); t += 0.01) {
+    for (double t = 0; !motion->step(cycle, t, at); t += 0.01) {
     }
   }
   EXPECT_EQ(allocations.count(), 0);
@@ -428,7 +430,7 @@ TEST(TimeLaws, cubic_hermite_begins_with_the_velocity_of_the_reference) {
   from.joint.dq = Vector7::Constant(0.2);
   realtime::TimedJoint motion(TimeLaw::kCubicHermite, {home().array() + 0.1, 2}, limits);
   motion.start(from);
-  motion.step(0, at);
+  motion.step(at_home(), 0, at);
   EXPECT_LT((at.joint.dq - from.joint.dq).norm(), 1e-12);
 }
 
@@ -451,12 +453,12 @@ TEST(TimeOptimal, doubles_its_time_with_half_of_the_speed_where_velocity_rules) 
 }
 
 TEST(Stay, keeps_still_also_when_it_begins_moving) {
-  realtime::Stay stay(ReferenceKind::kJoint, 1);
+  realtime::Stay stay(Channels::kJoint, 1);
   Reference from, at;
   from.joint.q = home();
   from.joint.dq.setOnes();
   stay.start(from);
-  EXPECT_FALSE(stay.step(0.5, at));
+  EXPECT_FALSE(stay.step(at_home(), 0.5, at));
   EXPECT_EQ(at.joint.q, from.joint.q);
   EXPECT_EQ(at.joint.dq, Vector7::Zero());
 }

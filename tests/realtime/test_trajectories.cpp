@@ -7,6 +7,7 @@
 #include <string>
 
 #include "allocation_counter.hpp"
+#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/joint_range.hpp"
 #include "realtime/limiter.hpp"
@@ -21,7 +22,7 @@ namespace {
 using realtime::MinJerkJoint;
 using realtime::MinJerkPose;
 using realtime::Reference;
-using realtime::ReferenceKind;
+using realtime::Channels;
 using realtime::RelativeMinJerkJoint;
 using realtime::RelativeMinJerkPose;
 using realtime::Vector3;
@@ -66,7 +67,7 @@ class Trajectories : public testing::TestWithParam<const char*> {
   }
   Reference pose_at_rest() {
     Reference from;
-    from.kind = ReferenceKind::kCartesian;
+    from.motion = Channels::kPose;
     from.cartesian.position = Vector3(0.5, 0, 0.4) + 0.2 * direction();
     from.cartesian.orientation = realtime::exp(uniform(0, 3.1) * direction());
     return from;
@@ -96,7 +97,7 @@ TEST_P(Trajectories, from_rest_joints_follow_the_closed_form) {
   const double T = motion.duration();
   for (double s = 0; s <= 1; s += 0.05) {
     Reference at;
-    EXPECT_EQ(motion.step(s * T, at), s * T >= T);
+    EXPECT_EQ(motion.step(at_home(), s * T, at), s * T >= T);
     const double x = 10 * std::pow(s, 3) - 15 * std::pow(s, 4) + 6 * std::pow(s, 5);
     const double v = (30 * std::pow(s, 2) - 60 * std::pow(s, 3) + 30 * std::pow(s, 4)) / T;
     const double a = (60 * s - 180 * std::pow(s, 2) + 120 * std::pow(s, 3)) / T / T;
@@ -130,7 +131,7 @@ TEST_P(Trajectories, a_stretched_motion_uses_the_limits) {
     double used = 0;
     Reference at;
     for (int k = 0; k <= 1000; ++k) {
-      motion.step(motion.duration() * k / 1000, at);
+      motion.step(at_home(), motion.duration() * k / 1000, at);
       for (int i = 0; i < 7; ++i) {
         used = std::max({used, std::abs(at.joint.dq[i]) / limits.dq_upper(i, at.joint.q[i]),
                          std::abs(at.joint.ddq[i]) / limits.ddq_max[i]});
@@ -150,16 +151,16 @@ TEST_P(Trajectories, joints_begin_at_the_reference_with_its_velocity_and_acceler
     MinJerkJoint motion({goal, uniform(0.001, 3)}, limits);
     motion.start(from);
     Reference at;
-    EXPECT_FALSE(motion.step(0, at));
+    EXPECT_FALSE(motion.step(at_home(), 0, at));
     EXPECT_LT((at.joint.q - from.joint.q).norm(), 1e-12);
     EXPECT_LT((at.joint.dq - from.joint.dq).norm(), 1e-9);
     EXPECT_LT((at.joint.ddq - from.joint.ddq).norm(), 1e-6);
     // Nothing jumps at the end either.
-    EXPECT_FALSE(motion.step(motion.duration() - 1e-9, at));
+    EXPECT_FALSE(motion.step(at_home(), motion.duration() - 1e-9, at));
     EXPECT_LT((at.joint.q - goal).norm(), 1e-8);
     EXPECT_LT(at.joint.dq.norm(), 1e-4);
     EXPECT_LT(at.joint.ddq.norm(), 1e-2);
-    EXPECT_TRUE(motion.step(motion.duration(), at));
+    EXPECT_TRUE(motion.step(at_home(), motion.duration(), at));
     EXPECT_EQ(at.joint.q, goal);
     EXPECT_EQ(at.joint.q, motion.goal().joint.q);
     EXPECT_EQ(at.joint.dq, Vector7::Zero());
@@ -174,9 +175,9 @@ TEST_P(Trajectories, velocity_and_acceleration_are_derivatives_of_the_joints) {
     motion.start(joints_moving());
     for (double t = 0.013; t < motion.duration() - 0.01; t += 0.0937) {
       Reference before, at, after;
-      motion.step(t - h, before);
-      motion.step(t, at);
-      motion.step(t + h, after);
+      motion.step(at_home(), t - h, before);
+      motion.step(at_home(), t, at);
+      motion.step(at_home(), t + h, after);
       EXPECT_LT((at.joint.dq - (after.joint.q - before.joint.q) / (2 * h)).norm(), 1e-5);
       EXPECT_LT((at.joint.ddq - (after.joint.dq - before.joint.dq) / (2 * h)).norm(), 2e-2);
     }
@@ -190,9 +191,9 @@ TEST_P(Trajectories, velocity_and_acceleration_are_derivatives_of_the_pose) {
     motion.start(pose_moving());
     for (double t = 0.013; t < motion.duration() - 0.01; t += 0.0937) {
       Reference before, at, after;
-      motion.step(t - h, before);
-      motion.step(t, at);
-      motion.step(t + h, after);
+      motion.step(at_home(), t - h, before);
+      motion.step(at_home(), t, at);
+      motion.step(at_home(), t + h, after);
       const auto& a = before.cartesian;
       const auto& b = after.cartesian;
       Vector6 velocity;
@@ -212,15 +213,15 @@ TEST_P(Trajectories, poses_begin_at_the_reference_with_its_velocity_and_accelera
     MinJerkPose motion({position, orientation, uniform(0.001, 3)}, limits);
     motion.start(from);
     Reference at;
-    EXPECT_FALSE(motion.step(0, at));
+    EXPECT_FALSE(motion.step(at_home(), 0, at));
     EXPECT_LT((at.cartesian.position - from.cartesian.position).norm(), 1e-12);
     EXPECT_LT(angle_between(at.cartesian.orientation, from.cartesian.orientation), 1e-9);
     EXPECT_LT((at.cartesian.velocity - from.cartesian.velocity).norm(), 1e-9);
     EXPECT_LT((at.cartesian.acceleration - from.cartesian.acceleration).norm(), 1e-6);
-    EXPECT_FALSE(motion.step(motion.duration() - 1e-9, at));
+    EXPECT_FALSE(motion.step(at_home(), motion.duration() - 1e-9, at));
     EXPECT_LT(angle_between(at.cartesian.orientation, orientation), 1e-7);
     EXPECT_LT(at.cartesian.velocity.norm(), 1e-4);
-    EXPECT_TRUE(motion.step(motion.duration(), at));
+    EXPECT_TRUE(motion.step(at_home(), motion.duration(), at));
     EXPECT_EQ(at.cartesian.position, position);
     EXPECT_LT(angle_between(at.cartesian.orientation, orientation), 1e-12);
     EXPECT_EQ(at.cartesian.velocity, Vector6::Zero());
@@ -239,7 +240,7 @@ TEST_P(Trajectories, orientation_takes_the_shortest_rotation_also_beyond_90_degr
     Eigen::Quaterniond last = from.cartesian.orientation;
     Reference at;
     for (int k = 1; k <= 100; ++k) {
-      motion.step(motion.duration() * k / 100, at);
+      motion.step(at_home(), motion.duration() * k / 100, at);
       const Vector3 turn = realtime::log(at.cartesian.orientation * last.conjugate());
       EXPECT_LT(turn.cross(axis).norm(), 1e-9) << "leaves the axis";
       turned += turn.norm();
@@ -257,7 +258,7 @@ TEST_P(Trajectories, a_slow_motion_that_begins_fast_does_not_swing_wide) {
   motion.start(from);
   Reference at;
   for (double t = 0; t < motion.duration(); t += 0.01) {
-    motion.step(t, at);
+    motion.step(at_home(), t, at);
     ASSERT_LT((at.joint.q - from.joint.q).cwiseAbs().maxCoeff(), 0.2);
   }
 }
@@ -284,7 +285,7 @@ TEST_P(Trajectories, any_motion_passes_the_limiter_unchanged) {
         limiter.reset(from);
         Reference wanted, out;
         int held = 0, k = 0;
-        while (!motion->step(++k * kDt, wanted)) held += limiter.follow(wanted, kDt, out);
+        while (!motion->step(at_home(), ++k * kDt, wanted)) held += limiter.follow(wanted, kDt, out);
         EXPECT_EQ(held, 0) << "motion " << n << (moving ? " moving" : " from rest") << (joint ? " joints" : " pose")
                            << ", asked " << duration << " s, takes " << motion->duration() << " s";
       }
@@ -303,14 +304,14 @@ TEST_P(Trajectories, uneven_ticks_give_the_same_references_at_the_same_times) {
     motion->start(from);
     for (int ms = 0; ms < 4000; ++ms) {
       Reference at;
-      motion->step(ms * kDt, at);
+      motion->step(at_home(), ms * kDt, at);
       even.push_back(at);
     }
     motion->start(from);
     const int ticks[] = {1, 2, 1, 3, 5};
     for (int ms = 0, n = 0; ms < 4000; ms += ticks[n++ % 5]) {
       Reference at;
-      motion->step(ms * kDt, at);
+      motion->step(at_home(), ms * kDt, at);
       EXPECT_EQ(at.joint.q, even[ms].joint.q);
       EXPECT_EQ(at.cartesian.position, even[ms].cartesian.position);
       EXPECT_EQ(at.cartesian.velocity, even[ms].cartesian.velocity);
@@ -326,7 +327,7 @@ TEST_P(Trajectories, relative_joints_go_from_the_reference_at_the_start) {
   motion.start(from);
   EXPECT_EQ(motion.goal().joint.q, from.joint.q + delta);
   Reference at;
-  EXPECT_TRUE(motion.step(motion.duration(), at));
+  EXPECT_TRUE(motion.step(at_home(), motion.duration(), at));
   EXPECT_EQ(at.joint.q, from.joint.q + delta);
 
   RelativeMinJerkJoint far({Vector7::Constant(2), 2}, limits);
@@ -426,13 +427,14 @@ TEST_P(Trajectories, start_and_step_allocate_nothing) {
       {Vector3::Constant(0.1), realtime::exp(direction()), realtime::PoseDifference::Frame::kBase}, 0.5, limits);
   const Reference from_joint = joints_moving(), from_pose = pose_moving();
   Reference at;
+  const realtime::Cycle& cycle = at_home();
   const testing_tools::AllocationCounter allocations;
   for (realtime::TrajectoryGenerator* motion : {static_cast<realtime::TrajectoryGenerator*>(&joint),
                                                 static_cast<realtime::TrajectoryGenerator*>(&relative_joint),
                                                 static_cast<realtime::TrajectoryGenerator*>(&pose),
                                                 static_cast<realtime::TrajectoryGenerator*>(&relative_pose)}) {
-    motion->start(motion->reference_kind() == ReferenceKind::kJoint ? from_joint : from_pose);
-    for (int k = 0; k < 1000; ++k) motion->step(k * kDt, at);
+    motion->start(motion_of(motion->fills()) == Channels::kJoint ? from_joint : from_pose);
+    for (int k = 0; k < 1000; ++k) motion->step(cycle, k * kDt, at);
   }
   EXPECT_EQ(allocations.count(), 0);
 }

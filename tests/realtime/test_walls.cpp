@@ -142,8 +142,8 @@ TEST(ArmCapsules, what_is_held_is_where_the_model_has_the_flange) {
 
 // The robot's own controller.
 struct Internal : Controller {
-  bool accepts(ReferenceKind) const noexcept override { return true; }
-  robot::Mode mode(ReferenceKind) const noexcept override {
+  Channels takes() const noexcept override { return Channels::kJoint | Channels::kPose; }
+  robot::Mode mode(Channels) const noexcept override {
     return {fci::ControllerMode::kJointImpedance, fci::MotionGeneratorMode::kJointPosition};
   }
   void start(const Cycle&, Reference&) noexcept override {}
@@ -174,7 +174,7 @@ class Walled : public testing::Test {
   void give(std::unique_ptr<TrajectoryGenerator> trajectory, std::unique_ptr<Controller> controller) {
     auto skill = std::make_unique<Skill>();
     skill->id = ++given;
-    skill->mode = controller->mode(trajectory->reference_kind());
+    skill->mode = controller->mode(motion_of(trajectory->fills()));
     skill->trajectory = std::move(trajectory);
     skill->controller = std::move(controller);
     door.next.put(std::move(skill));

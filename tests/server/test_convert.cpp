@@ -97,7 +97,7 @@ TEST(Convert, TheReferenceIsThereWhileSomethingIsCommanded) {
   EXPECT_EQ(message.q_ref(6), 7);
   EXPECT_EQ(message.o_t_ee_ref_size(), 0);
 
-  record.reference.kind = realtime::ReferenceKind::kCartesian;
+  record.reference.motion = realtime::Channels::kPose;
   record.reference.cartesian.position << 0.1, 0.2, 0.3;
   convert(record, message);
   EXPECT_EQ(message.q_ref_size(), 0);

@@ -8,6 +8,7 @@
 #include "realtime/tool.hpp"
 #include "realtime/trajectories/paced.hpp"
 #include "server/refused.hpp"
+#include "tests/realtime/at_home.hpp"
 #include "tests/server/skills.hpp"
 
 namespace server {
@@ -36,7 +37,7 @@ TEST_F(SkillBuilderTest, BuildsWhatFits) {
   time.set_seconds(3);
   message.add_terminations()->PackFrom(time);
   const auto skill = builder_.build(message, now_);
-  EXPECT_EQ(skill->trajectory->reference_kind(), realtime::ReferenceKind::kJoint);
+  EXPECT_EQ(motion_of(skill->trajectory->fills()), realtime::Channels::kJoint);
   EXPECT_EQ(skill->mode, robot::kTorque);
   EXPECT_EQ(skill->terminations.size(), 2u);
   EXPECT_EQ(skill->trajectory->goal().joint.q[0], models::kHome[0] + 0.1);
@@ -153,12 +154,12 @@ TEST_F(SkillBuilderTest, AFarPoseIsPacedByItsJoints) {
     realtime::PoseJoints joints(*model, fr3_limits());
     joints.place(Eigen::Map<const realtime::Vector7>(models::kHome.data()));
     realtime::Reference reference, goal = way.goal();
-    way.step(0, reference);
+    way.step(at_home(), 0, reference);
     const realtime::Vector3 start = reference.cartesian.position, straight = goal.cartesian.position - start;
     std::vector<realtime::Vector7> q;
     realtime::Reference before = reference;
     for (double time = 0; time < way.duration() + 0.01; time += kTick, before = reference) {
-      way.step(time, reference);
+      way.step(at_home(), time, reference);
       for (int n = 0; n < 3; ++n) joints.step(reference.cartesian, kTick / 3);
       q.push_back(joints.joints().q);
       const realtime::CartesianReference &now = reference.cartesian, &last = before.cartesian;
@@ -203,7 +204,7 @@ TEST_F(SkillBuilderTest, ARelativeGoalCountsFromTheReferenceThatIsCommanded) {
   EXPECT_NEAR(skill->trajectory->goal().cartesian.position.z(), z + 0.1, 1e-9);
 
   now_.command.message_id = 1;
-  now_.reference.kind = realtime::ReferenceKind::kCartesian;
+  now_.reference.motion = realtime::Channels::kPose;
   now_.reference.cartesian.position = Eigen::Map<const Eigen::Vector3d>(&now_.state.O_T_EE[12]) - 0.05 * Eigen::Vector3d::UnitZ();
   now_.reference.cartesian.orientation =
       Eigen::Quaterniond(Eigen::Matrix4d::Map(now_.state.O_T_EE.data()).topLeftCorner<3, 3>());

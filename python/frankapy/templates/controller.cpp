@@ -14,8 +14,8 @@ class $Name : public Controller {
     D_ = 2 * message.damping_ratio() * K_.cwiseProduct(arm.model.mass().diagonal()).cwiseSqrt();
   }
 
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kJoint; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  Channels takes() const noexcept override { return Channels::kJoint; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   // From here on in the 1 kHz loop. Where the torque would step at the start, the server lets the difference fade away.
   void start(const Cycle&, Reference&) noexcept override {}

@@ -6,8 +6,8 @@
 
 TEST($Name, EndsBelowTheHeightAndNotAboveIt) {
   server::ArmAtHome home;
-  Stay trajectory(ReferenceKind::kCartesian, 1);
-  const Reference reference = home.reference(ReferenceKind::kCartesian);
+  Stay trajectory(Channels::kPose, 1);
+  const Reference reference = home.reference(Channels::kPose);
   const Progress progress{trajectory, false, reference};
   const double z = home.cycle.O_T_EE.translation().z();
 

@@ -13,11 +13,11 @@ class $Name : public TrajectoryGenerator {
   $Name(const $name::$Name& message, const Arm&)
       : joint_(static_cast<int>(message.joint()) - 1), angle_(message.angle()), duration_(message.duration()) {}
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  Channels fills() const noexcept override { return Channels::kJoint; }
 
   // From here on in the 1 kHz loop. What is too fast for the arm, the server holds back.
   void start(const Reference& from) noexcept override { goal_ = at_rest(from); }
-  bool step(double time, Reference& reference) noexcept override {
+  bool step(const Cycle&, double time, Reference& reference) noexcept override {
     reference = goal_;
     if (time >= duration_) return true;
     const double u = time / duration_, p = u * (1 - u), dp = 1 - 2 * u;

@@ -25,11 +25,11 @@ class Admittance : public Controller {
   // Throws std::invalid_argument naming field, value and bound.
   explicit Admittance(const Parameters& parameters);
 
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
+  Channels takes() const noexcept override { return Channels::kPose; }
   // Without a spring on an axis, the arm stays where it was led.
   bool tracks() const noexcept override { return parameters_.stiffness.minCoeff() > 0; }
   bool leads() const noexcept override { return false; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   // Moves the reference as CartesianImpedance does, with x = 0.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

@@ -42,8 +42,8 @@ class CartesianImpedance : public Controller {
   explicit CartesianImpedance(const Parameters& parameters);
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return stiffness_.inputs(); }
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  Channels takes() const noexcept override { return Channels::kPose; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   // Moves the reference pose where there is stiffness, and the posture for the null space.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

@@ -11,9 +11,8 @@ namespace realtime {
 // where it may throw; the rest runs in the loop.
 class Controller : public Part {
  public:
-  virtual bool accepts(ReferenceKind kind) const noexcept = 0;
-  // Whether it exerts what a trajectory asks for beside its motion.
-  virtual bool exerts(Effort effort) const noexcept { return effort == Effort::kNone; }
+  // The channels that it can make something of. It is for trajectories that fill none but these.
+  virtual Channels takes() const noexcept = 0;
 
   // Whether it leads the arm to the reference. One that does not is for torque alone; it never holds an arm, and what comes
   // after begins from where the arm is.
@@ -22,8 +21,8 @@ class Controller : public Part {
   // Whether it leads all of the arm there, and no force moves some of it elsewhere on purpose.
   virtual bool leads() const noexcept { return tracks(); }
 
-  // The robot controller that runs it for references of that kind, and what the robot must be set to.
-  virtual robot::Mode mode(ReferenceKind kind) const noexcept = 0;
+  // The robot controller that runs it for such a motion, and what the robot must be set to.
+  virtual robot::Mode mode(Channels motion) const noexcept = 0;
   virtual robot::Settings settings() const noexcept { return {}; }
 
   // Takes over. When the law before it asked for cycle.tau_J_d, a law with a spring moves `reference` so that it asks for

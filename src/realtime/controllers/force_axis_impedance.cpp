@@ -41,7 +41,7 @@ Cycle ForceAxisImpedance::at_posture(const Cycle& cycle) const noexcept {
 void ForceAxisImpedance::start(const Cycle& cycle, Reference&) noexcept {
   cap_.start(cycle);
   line_ = {};
-  line_.kind = ReferenceKind::kCartesian;
+  line_.motion = Channels::kPose;
   line_.cartesian.position = cycle.O_T_EE.translation();
   line_.cartesian.orientation = Eigen::Quaterniond(cycle.O_T_EE.linear());
   posture_ = cycle.q;

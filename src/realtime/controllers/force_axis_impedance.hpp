@@ -21,11 +21,10 @@ class ForceAxisImpedance : public Controller {
   // Throws std::invalid_argument naming field, value and bound.
   explicit ForceAxisImpedance(const Parameters& parameters);
 
-  bool accepts(ReferenceKind) const noexcept override { return true; }
-  bool exerts(Effort effort) const noexcept override { return effort != Effort::kTorque; }
+  Channels takes() const noexcept override { return Channels::kJoint | Channels::kPose | Channels::kWrench; }
   bool tracks() const noexcept override { return false; }
   bool leads() const noexcept override { return false; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   // The line goes through where the springs ask for the torque that is there; the trajectory's reference is not followed.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

@@ -35,10 +35,9 @@ class ForcePosition : public Controller {
   explicit ForcePosition(const Parameters& parameters);
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return gains_.inputs(); }
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
-  bool exerts(Effort effort) const noexcept override { return effort != Effort::kTorque; }
+  Channels takes() const noexcept override { return Channels::kPose | Channels::kWrench; }
   bool tracks() const noexcept override { return !gains_.changes() && all_position(); }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   // Moves the reference pose along axes of position.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

@@ -19,9 +19,9 @@ class FreeDrive : public Controller {
   // Throws std::invalid_argument naming field, value and bound.
   explicit FreeDrive(const Parameters& parameters);
 
-  bool accepts(ReferenceKind) const noexcept override { return true; }
+  Channels takes() const noexcept override { return Channels::kJoint | Channels::kPose; }
   bool tracks() const noexcept override { return false; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   void start(const Cycle& cycle, Reference&) noexcept override { held_ = cycle.q; }
   void step(const Cycle& cycle, const Reference&, Vector7& tau_J_d) noexcept override;

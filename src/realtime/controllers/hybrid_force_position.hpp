@@ -37,12 +37,11 @@ class HybridForcePosition : public Controller {
   // Throws std::invalid_argument naming field, value and bound.
   explicit HybridForcePosition(const Parameters& parameters);
 
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
-  bool exerts(Effort effort) const noexcept override { return effort != Effort::kTorque; }
+  Channels takes() const noexcept override { return Channels::kPose | Channels::kWrench; }
   // With a force axis the arm leaves its reference.
   bool tracks() const noexcept override { return tracks_; }
   bool leads() const noexcept override { return false; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   void start(const Cycle& cycle, Reference& reference) noexcept override;
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;

@@ -37,11 +37,11 @@ InternalImpedance::InternalImpedance(const Parameters& parameters) {
   settings_.joint_impedance = setting;
 }
 
-robot::Mode InternalImpedance::mode(ReferenceKind kind) const noexcept {
+robot::Mode InternalImpedance::mode(Channels motion) const noexcept {
   using fci::ControllerMode, fci::MotionGeneratorMode;
   return {
       settings_.cartesian_impedance ? ControllerMode::kCartesianImpedance : ControllerMode::kJointImpedance,
-      kind == ReferenceKind::kJoint ? MotionGeneratorMode::kJointPosition : MotionGeneratorMode::kCartesianPosition};
+      motion == Channels::kJoint ? MotionGeneratorMode::kJointPosition : MotionGeneratorMode::kCartesianPosition};
 }
 
 }  // namespace realtime

@@ -19,8 +19,8 @@ class InternalImpedance : public Controller {
   // Throws std::invalid_argument naming field, value and bound.
   explicit InternalImpedance(const Parameters& parameters);
 
-  bool accepts(ReferenceKind) const noexcept override { return true; }
-  robot::Mode mode(ReferenceKind kind) const noexcept override;
+  Channels takes() const noexcept override { return Channels::kJoint | Channels::kPose; }
+  robot::Mode mode(Channels motion) const noexcept override;
   robot::Settings settings() const noexcept override { return settings_; }
 
   void start(const Cycle&, Reference&) noexcept override {}

@@ -32,8 +32,8 @@ class JointImpedance : public Controller {
   // With the mass matrix where the arm begins: what no loop of 1 ms could hold is refused as well (require_holdable()).
   JointImpedance(const Parameters& parameters, const Matrix7& mass);
 
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kJoint; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  Channels takes() const noexcept override { return Channels::kJoint; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   // Moves q_ref of the joints that have stiffness.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

@@ -24,8 +24,8 @@ class Lqr : public Controller {
   // Throws std::invalid_argument naming field, value and bound. `mass`: of the links in the posture.
   Lqr(const Parameters& parameters, const Matrix7& mass);
 
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kJoint; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  Channels takes() const noexcept override { return Channels::kJoint; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   // Moves q_ref.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

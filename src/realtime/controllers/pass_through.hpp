@@ -23,10 +23,9 @@ class PassThrough : public Controller {
     require_within("max_rotation", -1, parameters.max_rotation, 0, 3, "rad");
   }
 
-  bool accepts(ReferenceKind) const noexcept override { return true; }
-  bool exerts(Effort effort) const noexcept override { return effort != Effort::kTorque; }
+  Channels takes() const noexcept override { return Channels::kJoint | Channels::kPose | Channels::kWrench; }
   bool tracks() const noexcept override { return false; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   void start(const Cycle& cycle, Reference&) noexcept override { cap_.start(cycle); }
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override {

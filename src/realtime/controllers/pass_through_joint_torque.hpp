@@ -29,10 +29,9 @@ class PassThroughJointTorque : public Controller {
   PassThroughJointTorque(const Parameters& parameters, const Matrix7& mass);
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return gains_.inputs(); }
-  bool accepts(ReferenceKind) const noexcept override { return true; }
-  bool exerts(Effort effort) const noexcept override { return effort != Effort::kWrench; }
+  Channels takes() const noexcept override { return Channels::kJoint | Channels::kPose | Channels::kTorque; }
   bool tracks() const noexcept override { return false; }
-  robot::Mode mode(ReferenceKind) const noexcept override { return robot::kTorque; }
+  robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   // q_start is where the springs of the joints that are held ask for the torque that is there.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

@@ -11,7 +11,7 @@ constexpr double kSameAngle = 0.01;     // rad
 
 }  // namespace
 
-Reference CartesianPose::start(const Cycle& cycle, ReferenceKind, Model& model) const noexcept {
+Reference CartesianPose::start(const Cycle& cycle, Channels, Model& model) const noexcept {
   Eigen::Isometry3d T = model.O_T_EE(Vector7::Map(cycle.state.q_d.data()));
   if (is_pose(cycle.state.O_T_EE_c)) {
     const Eigen::Isometry3d commanded = pose(cycle.state.O_T_EE_c);
@@ -22,7 +22,7 @@ Reference CartesianPose::start(const Cycle& cycle, ReferenceKind, Model& model) 
     }
   }
   Reference reference;
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   reference.cartesian.position = T.translation();
   reference.cartesian.orientation = Eigen::Quaterniond(T.linear()).normalized();
   return reference;

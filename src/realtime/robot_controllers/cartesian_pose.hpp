@@ -9,7 +9,7 @@ class CartesianPose : public Motion {
  public:
   bool makes_joints() const noexcept override { return true; }
   // O_T_EE_c, if it is where q_d has the tool; else that, since a robot may keep the last pose of a former motion.
-  Reference start(const Cycle& cycle, ReferenceKind kind, Model& model) const noexcept override;
+  Reference start(const Cycle& cycle, Channels motion, Model& model) const noexcept override;
   void write(const Reference& before, const Reference& reference, const Vector7& tau_J_d,
              fci::RobotCommand& command) const noexcept override;
 };

@@ -2,9 +2,9 @@
 
 namespace realtime::robot_controllers {
 
-Reference JointPosition::start(const Cycle& cycle, ReferenceKind, Model&) const noexcept {
+Reference JointPosition::start(const Cycle& cycle, Channels, Model&) const noexcept {
   Reference reference;
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint.q = Vector7::Map(cycle.state.q_d.data());
   return reference;
 }

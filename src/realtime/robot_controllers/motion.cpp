@@ -14,7 +14,7 @@ int Motion::pass(int ticks, Limiter& limiter, Reference& reference) const noexce
 bool Motion::reconcile(const fci::RobotState& state, Limiter& limiter, Reference& reference) const noexcept {
   if (state.control_command_success_rate >= 1) return false;
   Reference robots;
-  robots.kind = reference.kind;
+  robots.motion = reference.motion;
   robots.joint.q = Vector7::Map(state.q_d.data());
   const Eigen::Isometry3d O_T_EE_c = pose(state.O_T_EE_c);
   robots.cartesian.position = O_T_EE_c.translation();

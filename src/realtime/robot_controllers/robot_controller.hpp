@@ -23,7 +23,7 @@ class RobotController {
   virtual bool makes_joints() const noexcept { return false; }
 
   // The reference that a motion begins from, at rest.
-  virtual Reference start(const Cycle& cycle, ReferenceKind kind, Model& model) const noexcept = 0;
+  virtual Reference start(const Cycle& cycle, Channels motion, Model& model) const noexcept = 0;
 
   // States were lost, `ticks` cycles (1: none) went by since the last: moves `reference` to where the robot has it, and returns
   // how many steps of a trajectory this cycle is worth.

@@ -2,9 +2,9 @@
 
 namespace realtime::robot_controllers {
 
-Reference Torque::start(const Cycle& cycle, ReferenceKind kind, Model&) const noexcept {
+Reference Torque::start(const Cycle& cycle, Channels motion, Model&) const noexcept {
   Reference reference;
-  reference.kind = kind;
+  reference.motion = motion;
   reference.joint.q = cycle.q;
   reference.cartesian.position = cycle.O_T_EE.translation();
   reference.cartesian.orientation = Eigen::Quaterniond(cycle.O_T_EE.linear()).normalized();

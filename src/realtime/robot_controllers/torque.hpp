@@ -14,7 +14,7 @@ class Torque : public RobotController {
 
   bool takes_torque() const noexcept override { return true; }
   bool has_reference() const noexcept override { return false; }
-  Reference start(const Cycle& cycle, ReferenceKind kind, Model& model) const noexcept override;
+  Reference start(const Cycle& cycle, Channels motion, Model& model) const noexcept override;
   // What only a controller of ours follows has gone where the trajectory led it.
   int pass(int ticks, Limiter&, Reference&) const noexcept override { return std::min(ticks, kMostSteps); }
   bool reconcile(const fci::RobotState&, Limiter&, Reference&) const noexcept override { return false; }

@@ -16,8 +16,10 @@ class Composite : public Termination {
  public:
   explicit Composite(Terminations parts) : parts_(std::move(parts)) {}
 
-  bool accepts(ReferenceKind kind) const noexcept override {
-    return std::all_of(parts_.begin(), parts_.end(), [kind](const auto& part) { return part->accepts(kind); });
+  Channels judges() const noexcept override {
+    Channels all = Channels::kNone;
+    for (const auto& part : parts_) all = all | part->judges();
+    return all;
   }
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override {
     std::vector<std::shared_ptr<SensorInput>> all;

@@ -16,7 +16,7 @@ class FinalJoint : public Termination {
   // Throws std::invalid_argument naming field, value and bound.
   explicit FinalJoint(const Parameters& parameters);
 
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kJoint; }
+  Channels judges() const noexcept override { return Channels::kJoint; }
   bool step(const Cycle& cycle, const Progress& progress) noexcept override;
 
  private:

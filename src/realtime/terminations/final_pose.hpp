@@ -18,7 +18,7 @@ class FinalPose : public Termination {
   // Throws std::invalid_argument naming field, value and bound.
   explicit FinalPose(const Parameters& parameters);
 
-  bool accepts(ReferenceKind kind) const noexcept override { return kind == ReferenceKind::kCartesian; }
+  Channels judges() const noexcept override { return Channels::kPose; }
   bool step(const Cycle& cycle, const Progress& progress) noexcept override;
 
  private:

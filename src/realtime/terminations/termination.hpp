@@ -13,15 +13,15 @@ struct Progress {
   bool trajectory_over = false;
   const Reference& reference;  // commanded in this cycle, after the limits
   bool waits = false;          // its trajectory has waited for an arm that was held
-  double slowed = 0;           // s that the arm's limits have made it longer
+  double planned = 0;          // s of the skill after which it should be over
 };
 
 // Says when a skill ends. A kind is one file of this folder: constructed in the server room from its
 // message of wire/proto/terminations.proto, where it may throw; step() runs in the loop.
 class Termination : public Part {
  public:
-  // Whether it can judge a trajectory of such references.
-  virtual bool accepts(ReferenceKind) const noexcept { return true; }
+  // The channels that a trajectory must fill for it.
+  virtual Channels judges() const noexcept { return Channels::kNone; }
   // What the robot must be set to for it.
   virtual robot::Settings settings() const noexcept { return {}; }
 

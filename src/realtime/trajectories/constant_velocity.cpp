@@ -73,13 +73,13 @@ void JointVelocity::start(const Reference& from) noexcept {
   }
 }
 
-bool JointVelocity::step(double time, Reference& reference) noexcept {
+bool JointVelocity::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration()) {
     reference = goal_;
     return true;
   }
   const auto p = profile_.at(time);
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint.q = from_ + p.way * dq_;
   reference.joint.dq = p.rate * dq_;
   reference.joint.ddq = p.acceleration * dq_;
@@ -90,7 +90,7 @@ CartesianVelocity::CartesianVelocity(const Parameters& parameters, const models:
     : twist_(parameters.O_dP_EE),
       asked_duration_(checked(parameters.duration)),
       profile_(asked_duration_, ramp_time<6>(parameters.O_dP_EE, cartesian_acceleration(parameters, limits))) {
-  goal_.kind = ReferenceKind::kCartesian;
+  goal_.motion = Channels::kPose;
 }
 
 void CartesianVelocity::start(const Reference& from) noexcept {
@@ -100,13 +100,13 @@ void CartesianVelocity::start(const Reference& from) noexcept {
   goal_.cartesian.orientation = exp(way * twist_.tail<3>()) * from_.orientation;
 }
 
-bool CartesianVelocity::step(double time, Reference& reference) noexcept {
+bool CartesianVelocity::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration()) {
     reference = goal_;
     return true;
   }
   const auto p = profile_.at(time);
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose.position = from_.position + p.way * twist_.head<3>();
   pose.orientation = exp(p.way * twist_.tail<3>()) * from_.orientation;

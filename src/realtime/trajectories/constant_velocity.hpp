@@ -38,9 +38,9 @@ class JointVelocity : public TrajectoryGenerator {
   // Throws std::invalid_argument naming field, value and bound.
   JointVelocity(const Parameters& parameters, const models::Limits& limits);
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   bool shortened() const noexcept override { return shortened_; }
   double duration() const noexcept override { return profile_.duration(); }
@@ -68,9 +68,9 @@ class CartesianVelocity : public TrajectoryGenerator {
   // Throws std::invalid_argument naming field, value and bound.
   CartesianVelocity(const Parameters& parameters, const models::Limits& limits);
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return profile_.duration(); }
   double stretch() const noexcept override { return profile_.duration() / asked_duration_; }

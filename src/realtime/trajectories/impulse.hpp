@@ -30,10 +30,9 @@ class Impulse : public TrajectoryGenerator {
     wrench_ << parameters.force, parameters.torque;
   }
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
-  Effort effort() const noexcept override { return Effort::kWrench; }
+  Channels fills() const noexcept override { return Channels::kPose | Channels::kWrench; }
   void start(const Reference& from) noexcept override { goal_ = at_rest(from); }
-  bool step(double time, Reference& reference) noexcept override {
+  bool step(const Cycle&, double time, Reference& reference) noexcept override {
     reference = goal_;
     if (time >= duration_) return true;
     const double share = ramp_ > 0 ? std::min({1.0, time / ramp_, (duration_ - time) / ramp_}) : 1;

@@ -38,13 +38,13 @@ void JointDmp::start(const Reference& from) noexcept {
   shortened_ = goal_.joint.q != q;
 }
 
-bool JointDmp::step(double time, Reference& reference) noexcept {
+bool JointDmp::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration()) {
     reference = goal_;
     return true;
   }
   const auto point = motion_.at(time);
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint = {point.y, point.dy, point.ddy};
   return false;
 }

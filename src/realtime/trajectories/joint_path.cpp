@@ -18,12 +18,12 @@ void JointPath::start(const Reference& from) noexcept {
   wait_ = std::max(0.0, T - clear_after_);
 }
 
-bool JointPath::step(double time, Reference& reference) noexcept {
+bool JointPath::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration()) {
     reference = goal_;
     return true;
   }
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint = at(std::clamp(time - wait_, 0.0, length_));
   if (time < wait_ || time > wait_ + length_) {
     reference.joint.dq.setZero();

@@ -11,9 +11,9 @@ namespace realtime {
 // start.
 class JointPath : public TrajectoryGenerator {
  public:
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return std::max(wait_ + length_, fading_.duration()); }
   double stretch() const noexcept override { return stretch_; }

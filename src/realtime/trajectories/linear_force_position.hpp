@@ -25,13 +25,13 @@ class LinearForcePosition : public TimedPose {
     goal_.wrench << parameters.force, parameters.torque;
   }
 
-  Effort effort() const noexcept override { return Effort::kWrench; }
+  Channels fills() const noexcept override { return Channels::kPose | Channels::kWrench; }
   void start(const Reference& from) noexcept override {
     TimedPose::start(from);
     wrench_ = from.wrench;
   }
-  bool step(double time, Reference& reference) noexcept override {
-    const bool over = TimedPose::step(time, reference);
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
+    const bool over = TimedPose::step(cycle, time, reference);
     if (!over) reference.wrench = wrench_ + time / duration() * (goal_.wrench - wrench_);
     return over;
   }

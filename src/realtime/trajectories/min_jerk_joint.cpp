@@ -60,13 +60,13 @@ void MinJerkJoint::raise_at(double t, double& worst) const noexcept {
   }
 }
 
-bool MinJerkJoint::step(double time, Reference& reference) noexcept {
+bool MinJerkJoint::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= motion_.duration()) {
     reference = goal_;
     return true;
   }
   const auto point = motion_.at(time);
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint.q = point.x;
   reference.joint.dq = point.v;
   reference.joint.ddq = point.a;

@@ -7,7 +7,7 @@
 namespace realtime {
 
 MinJerkPose::MinJerkPose(double duration, const models::Limits& limits) : limits_(limits), asked_duration_(duration) {
-  goal_.kind = ReferenceKind::kCartesian;
+  goal_.motion = Channels::kPose;
   require_within("duration", -1, duration, 0.001, 3600, "s");
 }
 
@@ -65,7 +65,7 @@ void MinJerkPose::start(const Reference& from) noexcept {
   stretch_ = T / asked_duration_;
 }
 
-bool MinJerkPose::step(double time, Reference& reference) noexcept {
+bool MinJerkPose::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration()) {
     reference = goal_;
     return true;
@@ -73,7 +73,7 @@ bool MinJerkPose::step(double time, Reference& reference) noexcept {
   const auto x = translation_.at(time);
   const auto r = rotation_.at(time);
   const auto rates = rotation_rates(r.x, r.v, r.a);
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose.position = x.x;
   pose.orientation = exp(r.x) * goal_.cartesian.orientation;

@@ -22,9 +22,9 @@ class MinJerkPose : public TrajectoryGenerator {
   // Throws std::invalid_argument naming field, value and bound.
   MinJerkPose(const Parameters& parameters, const models::Limits& limits);
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return std::max(translation_.duration(), rotation_.duration()); }
   double stretch() const noexcept override { return stretch_; }

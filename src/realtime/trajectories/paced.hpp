@@ -29,20 +29,19 @@ class Paced : public TrajectoryGenerator {
   Paced(std::unique_ptr<TrajectoryGenerator> trajectory, Pace pace) : trajectory_(std::move(trajectory)), pace_(std::move(pace)) {}
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return trajectory_->sensor_inputs(); }
-  ReferenceKind reference_kind() const noexcept override { return trajectory_->reference_kind(); }
-  Effort effort() const noexcept override { return trajectory_->effort(); }
+  Channels fills() const noexcept override { return trajectory_->fills(); }
 
   void start(const Reference& from) noexcept override {
     trajectory_->start(pace_.places.front().rate < 1 ? at_rest(from) : from);
     scale_ = trajectory_->duration() / pace_.places.back().path;
   }
 
-  bool step(double time, Reference& reference) noexcept override {
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
     const auto after = std::upper_bound(pace_.places.begin() + 1, pace_.places.end(), time / scale_,
                                         [](double t, const Pace::Place& place) { return t < place.time; });
-    if (after == pace_.places.end()) return trajectory_->step(trajectory_->duration(), reference);
+    if (after == pace_.places.end()) return trajectory_->step(cycle, trajectory_->duration(), reference);
     const Pace::Place now = between(*(after - 1), *after, time / scale_);
-    const bool over = trajectory_->step(scale_ * now.path, reference);
+    const bool over = trajectory_->step(cycle, scale_ * now.path, reference);
     slow(reference, now.rate, now.change / scale_);
     return over;
   }

@@ -62,7 +62,7 @@ double carried(const Vector3& v) {
 
 PoseDmp::PoseDmp(FirstBasis first, const Parameters& parameters, const models::Limits& limits)
     : limits_(limits), ee_frame_(parameters.ee_frame), rollout_(rollout(first, parameters)) {
-  goal_.kind = ReferenceKind::kCartesian;
+  goal_.motion = Channels::kPose;
   rollout_.visit_rates([&](const auto& v, const auto& a, const Vector6& j) {
     const Vector3 de = v.forced.template tail<3>();
     slower_ = std::max({slower_,
@@ -90,13 +90,13 @@ void PoseDmp::start(const Reference& from) noexcept {
   place(motion_.come_to_rest(decay), goal_.cartesian);
 }
 
-bool PoseDmp::step(double time, Reference& reference) noexcept {
+bool PoseDmp::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration()) {
     reference = goal_;
     return true;
   }
   const auto point = motion_.at(time);
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   place(point.y, pose);
   const Eigen::Matrix3d E = axes(point.y.tail<3>());

@@ -25,9 +25,9 @@ class PoseDmp : public TrajectoryGenerator {
   // std::invalid_argument naming field, value and bound.
   PoseDmp(FirstBasis first, const Parameters& parameters, const models::Limits& limits);
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return motion_.duration(); }
   double stretch() const noexcept override { return slower_; }

@@ -30,12 +30,12 @@ void PosePath::start(const Reference& from) noexcept {
   wait_ = std::max(0.0, T - clear_after_);
 }
 
-bool PosePath::step(double time, Reference& reference) noexcept {
+bool PosePath::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration()) {
     reference = goal_;
     return true;
   }
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose = at(std::clamp(time - wait_, 0.0, length_));
   if (time < wait_ || time > wait_ + length_) {

@@ -12,15 +12,15 @@ namespace realtime {
 // that of the orientation in its rotation vector, R = exp(r) R_path.
 class PosePath : public TrajectoryGenerator {
  public:
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return std::max(wait_ + length_, translation_.duration()); }
   double stretch() const noexcept override { return stretch_; }
 
  protected:
-  explicit PosePath(const models::Limits& limits) : limits_(limits) { goal_.kind = ReferenceKind::kCartesian; }
+  explicit PosePath(const models::Limits& limits) : limits_(limits) { goal_.motion = Channels::kPose; }
 
   // At t s since its start, 0 to length_.
   virtual CartesianReference at(double t) const noexcept = 0;

@@ -37,7 +37,7 @@ QuaternionPoseDmp::QuaternionPoseDmp(const Parameters& parameters, const models:
       goal_orientation_(require_rotation("goal_quat", parameters.goal)),
       translation_rollout_(translation(parameters)),
       rotation_rollout_(rotation(parameters)) {
-  goal_.kind = ReferenceKind::kCartesian;
+  goal_.motion = Channels::kPose;
   translation_rollout_.visit_rates([&](const auto& v, const auto& a, const Vector3& j) {
     translation_slower_ =
         std::max(translation_slower_, slower(v.forced.norm(), a.forced.norm(), j.norm(), limits_.translation));
@@ -68,14 +68,14 @@ void QuaternionPoseDmp::start(const Reference& from) noexcept {
   goal_.cartesian.orientation = exp(rotation_.come_to_rest(decay)) * goal_orientation_;
 }
 
-bool QuaternionPoseDmp::step(double time, Reference& reference) noexcept {
+bool QuaternionPoseDmp::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration()) {
     reference = goal_;
     return true;
   }
   const auto x = translation_.at(time), r = rotation_.at(time);
   const auto rates = rotation_rates(r.y, r.dy, r.ddy);
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose.position = from_ + axes_ * x.y;
   pose.orientation = exp(r.y) * goal_orientation_;

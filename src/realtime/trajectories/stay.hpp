@@ -9,13 +9,13 @@ namespace realtime {
 class Stay : public TrajectoryGenerator {
  public:
   // Duration in s, >= 0. Throws std::invalid_argument naming field, value and bound.
-  Stay(ReferenceKind kind, double duration) : kind_(kind), duration_(duration) {
+  Stay(Channels motion, double duration) : motion_(motion), duration_(duration) {
     require_within("duration", -1, duration, 0, 1e6, "s");
   }
 
-  ReferenceKind reference_kind() const noexcept override { return kind_; }
+  Channels fills() const noexcept override { return motion_; }
   void start(const Reference& from) noexcept override { goal_ = at_rest(from); }
-  bool step(double time, Reference& reference) noexcept override {
+  bool step(const Cycle&, double time, Reference& reference) noexcept override {
     reference = goal_;
     return time >= duration_;
   }
@@ -24,7 +24,7 @@ class Stay : public TrajectoryGenerator {
   double stretch() const noexcept override { return 1; }
 
  private:
-  ReferenceKind kind_;
+  Channels motion_;
   double duration_;
   Reference goal_;
 };

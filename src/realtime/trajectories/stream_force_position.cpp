@@ -54,8 +54,8 @@ void StreamForcePosition::take(double time, const SensorSample& sample) noexcept
   reached_ = last_ + kRise;
 }
 
-bool StreamForcePosition::step(double time, Reference& reference) noexcept {
-  StreamPose::step(time, reference);
+bool StreamForcePosition::step(const Cycle& cycle, double time, Reference& reference) noexcept {
+  StreamPose::step(cycle, time, reference);
   const double share = time < reached_ ? (time - last_) / (reached_ - last_) : 1;
   wrench_ += std::clamp(share, 0.0, 1.0) * (wanted_ - wrench_);
   last_ = time;

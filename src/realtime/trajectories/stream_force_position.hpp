@@ -11,9 +11,9 @@ class StreamForcePosition : public StreamPose {
   // Throws std::invalid_argument naming field, value and bound.
   StreamForcePosition(const Parameters& parameters, const models::Limits& limits);
 
-  Effort effort() const noexcept override { return Effort::kWrench; }
+  Channels fills() const noexcept override { return Channels::kPose | Channels::kWrench; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
 
  private:
   void take(double time, const SensorSample& sample) noexcept override;

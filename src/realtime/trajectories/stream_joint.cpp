@@ -38,7 +38,7 @@ void StreamJoint::start(const Reference& from) noexcept {
   stream_->start({from.joint.q, from.joint.dq, from.joint.ddq});
 }
 
-bool StreamJoint::step(double time, Reference& reference) noexcept {
+bool StreamJoint::step(const Cycle&, double time, Reference& reference) noexcept {
   while (const SensorSample* sample = input_->next()) {
     const double sent = sample->sent_ns != 0 ? 1e-9 * static_cast<double>(sample->sent_ns)
                                              : std::numeric_limits<double>::quiet_NaN();
@@ -47,7 +47,7 @@ bool StreamJoint::step(double time, Reference& reference) noexcept {
     input_->release();
   }
   const auto point = stream_->at(time);
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint = {point.x, point.v, point.a};
   return false;
 }

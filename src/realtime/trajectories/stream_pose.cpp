@@ -61,7 +61,7 @@ void StreamPose::add(double time, const SensorSample& sample, const Vector3& pos
   stream_->add(time, {x, sent, sample.lead, sample.replaces});
 }
 
-bool StreamPose::step(double time, Reference& reference) noexcept {
+bool StreamPose::step(const Cycle&, double time, Reference& reference) noexcept {
   while (const SensorSample* sample = input_->next()) {
     take(time, *sample);
     input_->release();
@@ -69,7 +69,7 @@ bool StreamPose::step(double time, Reference& reference) noexcept {
   const auto point = stream_->at(time);
   const Vector3 r = point.x.tail<3>();
   const auto rates = rotation_rates(r, point.v.tail<3>(), point.a.tail<3>());
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose.position = point.x.head<3>();
   pose.orientation = (exp(r) * goal_.cartesian.orientation).normalized();

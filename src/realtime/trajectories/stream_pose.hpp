@@ -27,9 +27,9 @@ class StreamPose : public TrajectoryGenerator {
   ~StreamPose() override;
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return 0; }
   double stretch() const noexcept override { return 1; }

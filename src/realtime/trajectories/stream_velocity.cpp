@@ -31,7 +31,7 @@ void StreamJointVelocity::start(const Reference& from) noexcept {
   stream_->start({from.joint.q, from.joint.dq, from.joint.ddq});
 }
 
-bool StreamJointVelocity::step(double time, Reference& reference) noexcept {
+bool StreamJointVelocity::step(const Cycle&, double time, Reference& reference) noexcept {
   auto point = stream_->at(time);
   const Vector7 inside = point.x.cwiseMax(q_min_).cwiseMin(q_max_);
   if (inside != point.x) {  // what goes on beyond a limit would have to come back first
@@ -42,7 +42,7 @@ bool StreamJointVelocity::step(double time, Reference& reference) noexcept {
     point.x = inside;
   }
   if (SensorSample sample; input_->newest(sample)) stream_->add(Vector7::Map(sample.values.data() + kVelocityAt));
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint = {point.x, point.v, point.a};
   return false;
 }
@@ -65,13 +65,13 @@ void StreamCartesianVelocity::start(const Reference& from) noexcept {
   stream_->start(point);
 }
 
-bool StreamCartesianVelocity::step(double time, Reference& reference) noexcept {
+bool StreamCartesianVelocity::step(const Cycle&, double time, Reference& reference) noexcept {
   const auto& point = stream_->at(time);
   // What the twist turns, step by step.
   orientation_ = (exp((time - time_) * point.v.tail<3>()) * orientation_).normalized();
   time_ = time;
   if (SensorSample sample; input_->newest(sample)) stream_->add(Vector6::Map(sample.values.data() + kVelocityAt));
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose.position = point.x.head<3>();
   pose.orientation = orientation_;

@@ -26,9 +26,9 @@ class StreamJointVelocity : public TrajectoryGenerator {
   ~StreamJointVelocity() override;
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return 0; }
   double stretch() const noexcept override { return 1; }
@@ -50,9 +50,9 @@ class StreamCartesianVelocity : public TrajectoryGenerator {
   ~StreamCartesianVelocity() override;
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return 0; }
   double stretch() const noexcept override { return 1; }

@@ -41,14 +41,14 @@ void TimeOptimalJoint::start(const Reference& from) noexcept {
   duration_ = planned ? planner_->trajectory.get_duration() : 0;
 }
 
-bool TimeOptimalJoint::step(double time, Reference& reference) noexcept {
+bool TimeOptimalJoint::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration_) {
     reference = goal_;
     return true;
   }
   std::array<double, models::kJoints> q, dq, ddq;
   planner_->trajectory.at_time(std::max(time, 0.0), q, dq, ddq);
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint.q = Vector7::Map(q.data());
   reference.joint.dq = Vector7::Map(dq.data());
   reference.joint.ddq = Vector7::Map(ddq.data());

@@ -21,9 +21,9 @@ class TimeOptimalJoint : public TrajectoryGenerator {
   TimeOptimalJoint(const Parameters& parameters, const models::Limits& limits);
   ~TimeOptimalJoint() override;
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return duration_; }
   double stretch() const noexcept override { return 1; }

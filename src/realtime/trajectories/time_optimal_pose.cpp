@@ -21,7 +21,7 @@ struct TimeOptimalPose::Planner : RuckigPlanner<kAxes> {};
 TimeOptimalPose::TimeOptimalPose(const Parameters& parameters, const models::Limits& limits)
     : planner_(std::make_unique<Planner>()) {
   require_within("speed", -1, parameters.speed, 0.01, 1, "of the limits");
-  goal_.kind = ReferenceKind::kCartesian;
+  goal_.motion = Channels::kPose;
   for (int i = 0; i < 3; ++i) require_within("position", i, parameters.position[i], -2, 2, "m");
   goal_.cartesian.position = parameters.position;
   goal_.cartesian.orientation = require_rotation("quaternion", parameters.orientation);
@@ -57,7 +57,7 @@ void TimeOptimalPose::start(const Reference& from) noexcept {
   duration_ = planned ? planner_->trajectory.get_duration() : 0;  // else the limiter makes one
 }
 
-bool TimeOptimalPose::step(double time, Reference& reference) noexcept {
+bool TimeOptimalPose::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration_) {
     reference = goal_;
     return true;
@@ -66,7 +66,7 @@ bool TimeOptimalPose::step(double time, Reference& reference) noexcept {
   planner_->trajectory.at_time(std::max(time, 0.0), x, v, a);
   const Vector3 r = Vector3::Map(x.data() + 3);
   const auto rates = rotation_rates(r, Vector3::Map(v.data() + 3), Vector3::Map(a.data() + 3));
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose.position = Vector3::Map(x.data());
   pose.orientation = exp(r) * goal_.cartesian.orientation;

@@ -21,9 +21,9 @@ class TimeOptimalPose : public TrajectoryGenerator {
   TimeOptimalPose(const Parameters& parameters, const models::Limits& limits);
   ~TimeOptimalPose() override;
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kCartesian; }
+  Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return duration_; }
   double stretch() const noexcept override { return 1; }

@@ -25,7 +25,7 @@ void TimedJoint::start(const Reference& from) noexcept {
   }
 }
 
-bool TimedJoint::step(double time, Reference& reference) noexcept {
+bool TimedJoint::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration_) {
     reference = goal_;
     return true;
@@ -33,7 +33,7 @@ bool TimedJoint::step(double time, Reference& reference) noexcept {
   const double T = duration_;
   const TimeLawPoint p = at(law_, time / T);
   const Vector7 way = goal_.joint.q - from_.q;
-  reference.kind = ReferenceKind::kJoint;
+  reference.motion = Channels::kJoint;
   reference.joint.q = from_.q + p.s * way + T * p.h * from_.dq;
   reference.joint.dq = p.ds / T * way + p.dh * from_.dq;
   reference.joint.ddq = p.dds / (T * T) * way + p.ddh / T * from_.dq;

@@ -18,9 +18,9 @@ class TimedJoint : public TrajectoryGenerator {
   // Throws std::invalid_argument naming field, value and bound.
   TimedJoint(TimeLaw law, const Parameters& parameters, const models::Limits& limits);
 
-  ReferenceKind reference_kind() const noexcept override { return ReferenceKind::kJoint; }
+  Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
-  bool step(double time, Reference& reference) noexcept override;
+  bool step(const Cycle&, double time, Reference& reference) noexcept override;
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return duration_; }
   double stretch() const noexcept override { return duration_ / asked_duration_; }

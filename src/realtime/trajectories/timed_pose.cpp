@@ -9,7 +9,7 @@ namespace realtime {
 
 TimedPose::TimedPose(TimeLaw law, double duration, const models::Limits& limits)
     : law_(law), limits_(limits), asked_duration_(duration), duration_(duration) {
-  goal_.kind = ReferenceKind::kCartesian;
+  goal_.motion = Channels::kPose;
   require_within("duration", -1, duration, 0.001, 3600, "s");
 }
 
@@ -32,7 +32,7 @@ void TimedPose::start(const Reference& from) noexcept {
   lengthen(turn_.norm(), limits_.rotation);
 }
 
-bool TimedPose::step(double time, Reference& reference) noexcept {
+bool TimedPose::step(const Cycle&, double time, Reference& reference) noexcept {
   if (time >= duration_) {
     reference = goal_;
     return true;
@@ -43,7 +43,7 @@ bool TimedPose::step(double time, Reference& reference) noexcept {
   const Vector3 v = from_.velocity.head<3>(), w = from_.velocity.tail<3>();
   const Vector3 r = p.s * turn_ + T * p.h * w;
   const auto rates = rotation_rates(r, p.ds / T * turn_ + p.dh * w, p.dds / (T * T) * turn_ + p.ddh / T * w);
-  reference.kind = ReferenceKind::kCartesian;
+  reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose.position = from_.position + p.s * way + T * p.h * v;
   pose.orientation = exp(r) * from_.orientation;

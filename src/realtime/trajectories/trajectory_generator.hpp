@@ -1,5 +1,6 @@
 #pragma once
 
+#include "realtime/cycle.hpp"
 #include "realtime/part.hpp"
 #include "realtime/reference.hpp"
 
@@ -10,16 +11,18 @@ namespace realtime {
 // in the loop.
 class TrajectoryGenerator : public Part {
  public:
-  virtual ReferenceKind reference_kind() const noexcept = 0;
-  virtual Effort effort() const noexcept { return Effort::kNone; }
+  // What its references say: one motion, and what it asks for beside that.
+  virtual Channels fills() const noexcept = 0;
 
   // Begins at `from`, with its velocity and acceleration. A motion too fast for the limits of the arm
   // is stretched here.
   virtual void start(const Reference& from) noexcept = 0;
 
-  // Writes the reference `time` seconds after start(); any times may be asked for. True when the
-  // trajectory is over: from then on the reference is the goal, at rest.
-  virtual bool step(double time, Reference& reference) noexcept = 0;
+  // Writes the reference `time` s after start(), along the trajectory: its time goes slower than the robot's clock where the
+  // skill's speed or limits of the arm ask for it. Any times may be asked for; the server room asks in advance, in the cycle that
+  // is newest then, of whose model nobody has made anything. True when the trajectory is over: from then on the reference is the
+  // goal, at rest.
+  virtual bool step(const Cycle& cycle, double time, Reference& reference) noexcept = 0;
 
   // Where it ends, known from start() on.
   virtual const Reference& goal() const noexcept = 0;

@@ -136,10 +136,10 @@ std::vector<Kind<realtime::TrajectoryGenerator>>& trajectories() {
       timed_joint<proto::SineJoint>(TimeLaw::kSine),
       timed_pose<proto::SinePose>(TimeLaw::kSine),
       trajectory<proto::StayJoint>([](const auto& m, const auto&) {
-        return new realtime::Stay(realtime::ReferenceKind::kJoint, m.duration());
+        return new realtime::Stay(realtime::Channels::kJoint, m.duration());
       }),
       trajectory<proto::StayPose>([](const auto& m, const auto&) {
-        return new realtime::Stay(realtime::ReferenceKind::kCartesian, m.duration());
+        return new realtime::Stay(realtime::Channels::kPose, m.duration());
       }),
       trajectory<proto::JointVelocity>([](const auto& m, const auto& arm) {
         return new realtime::JointVelocity({vector<7>(m.dq()), given<7>(m.ddq()), m.duration()}, arm.limits);
