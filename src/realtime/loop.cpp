@@ -15,7 +15,7 @@ namespace {
 constexpr std::uint64_t kAnswerTime = 1000;     // ms for the robot to answer a request or to change its modes
 constexpr std::uint64_t kRecoveryTime = 10000;  // ms: brakes are opened on the way
 constexpr std::uint64_t kMoveAgain = 20;        // ms after which a motion that was not possible is asked for again
-constexpr std::uint64_t kLongestGap = 1000;     // ms that a cycle may come after the one before
+constexpr std::uint64_t kLongestGap = 21;       // ms from state to state of a motion: it ends when 20 commands have not come
 constexpr std::uint64_t kAnswerLead = 20;       // ms by which the answer to Move may precede its state
 constexpr std::size_t kDoorRoom = 4;            // results and skills that one more skill may send back at once
 
@@ -137,6 +137,7 @@ bool Loop::receive() noexcept {
   }
   ticks_ = cycles_ == 0 ? 1 : state_.message_id - last;
   lost_states_ += ticks_ - 1;
+  if (in_motion() && ticks_ > kLongestGap) ticks_ = 1;  // if the motion goes on, the clock has leapt
   ++cycles_;
   return true;
 }
@@ -318,7 +319,7 @@ void Loop::prepare_motion() noexcept {
 }
 
 void Loop::generate_reference() noexcept {
-  int steps = robot_->pass(static_cast<int>(std::min<std::uint64_t>(ticks_, kLongestGap)), gate_.limiter(), reference_);
+  int steps = robot_->pass(static_cast<int>(ticks_), gate_.limiter(), reference_);
   coasted_ |= robot_->has_reference() && ticks_ > 1;
   const Vector7 q_d = vector(state_.q_d);
   gate_.observe(reference_, robot_->makes_joints() ? &q_d : nullptr);
@@ -695,7 +696,7 @@ void Loop::take_over() noexcept {
     reference_.motion = Channels::kJoint;
     reference_.joint = {cycle_.q, cycle_.dq, Vector7::Zero()};
   }
-  robot_->pass(static_cast<int>(std::min<std::uint64_t>(ticks_, kLongestGap)), gate_.limiter(), reference_);
+  robot_->pass(static_cast<int>(ticks_), gate_.limiter(), reference_);
   change_motion(motion_of(next_->trajectory->fills()));
   start_skill();
   ticks_ = 1;

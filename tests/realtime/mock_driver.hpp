@@ -42,6 +42,7 @@ class MockRobot : public robot::Driver {
   fci::Status refusal = fci::Status::kNotPossible;
   robot::Received connection = robot::Received::kState;
   std::array<int, 8> ticks = {1, 1, 1, 1, 1, 1, 1, 1};  // ms of the next states, in turn
+  std::uint64_t leap = 0;  // ms that its clock shows more from the next state on, though no time has passed
   int lose = 0;  // of the next commands
   bool locked = false;             // something holds the arm, whatever the torque
   std::optional<Eigen::Matrix4d> stale_pose;  // O_T_EE_c while no motion runs, and in its first state
@@ -93,6 +94,7 @@ class MockRobot : public robot::Driver {
   robot::Received receive(fci::RobotState& out) noexcept override {
     if (connection != robot::Received::kState) return connection;
     const int lapse = ticks[next_tick_++ % ticks.size()];
+    state.message_id += std::exchange(leap, 0);
     for (int i = 0; i < lapse; ++i) {
       ++state.message_id;
       tick();

@@ -585,6 +585,23 @@ TEST_F(LoopTest, SpeedIsThatOfTheTimeAlongTheTrajectory) {
   }
 }
 
+TEST_F(LoopTest, AClockThatLeapsEndsNoSkillBadly) {
+  for (const bool torque : {false, true}) {
+    for (const std::uint64_t leap : {30ull, 3'000ull, 100'000'000ull, 1ull << 62}) {
+      torque ? give_torque(0.2, 1) : give_internal(0.2, 1);
+      ASSERT_TRUE(until([&] { return last.phase == Phase::kRunning && last.skill_time > 0.4; }));
+      robot.leap = leap;
+      ASSERT_TRUE(until_result()) << leap;
+      EXPECT_TRUE(robot.obeyed()) << leap << ": " << robot.judgement();
+      ASSERT_TRUE(until(Phase::kIdle));
+      torque ? give_torque(-0.2, 1) : give_internal(-0.2, 1);
+      ASSERT_TRUE(until_result());
+      EXPECT_EQ(results.back().ending, Ending::kTerminated) << leap;
+      ASSERT_TRUE(until(Phase::kIdle));
+    }
+  }
+}
+
 TEST_F(LoopTest, FollowsItsOwnReferenceThroughLostStatesUnderTorque) {
   robot.ticks = {1, 2, 1, 3, 5, 1, 1, 2};
   const Vector7 q = robot.q();
