@@ -6,6 +6,8 @@
 //                               stopped or gives way to another robot controller, one state in fifty being lost; the
 //                               combinations are the slowest for each robot controller. Time of the processor, since a
 //                               computer that stands still or does something else is none of the loop
+//   computer_stall_us_max       by which a piece of arithmetic before each of these cycles, in the same thread and by the same
+//                               clock, took longer than it mostly does: what interrupts and the machine beneath add to any cycle
 //   loop_compute_paced_us_p50   in real time, of the combination with the highest p50 in lockstep
 //   loop_compute_safe_us_p99    in lockstep with 20 boxes as walls about the arm (bench/boxes.hpp), of some of the combinations
 //   loop_allocations            of the loop's thread in all of this
@@ -278,6 +280,7 @@ class WatchedDriver : public robot::Driver {
       happens_.wait(true);
     }
     const robot::Received received = driver_->receive(state);
+    if (left_ > 0) calibrate();
     begin_ns_ = processor_ns();
     return received;
   }
@@ -286,6 +289,9 @@ class WatchedDriver : public robot::Driver {
     driver_->send(command);
   }
   std::int64_t received_ns() const noexcept override { return driver_->received_ns(); }
+
+  // By how much the longest arithmetic exceeded the shortest, ns.
+  std::int64_t stall() const { return longest_arithmetic_ - shortest_arithmetic_; }
   std::optional<std::uint32_t> post(const robot::Request& request) noexcept override { return driver_->post(request); }
   std::optional<robot::Answer> poll() noexcept override { return driver_->poll(); }
   fci::Version version() const noexcept override { return driver_->version(); }
@@ -309,6 +315,15 @@ class WatchedDriver : public robot::Driver {
   }
 
  private:
+  void calibrate() noexcept {
+    const std::int64_t begin = processor_ns();
+    double sum = 0;
+    for (int k = 1; k < 10'000; ++k) sum += 1. / k;
+    sum_ = sum;
+    const std::int64_t ns = processor_ns() - begin;
+    longest_arithmetic_ = std::max(longest_arithmetic_.load(), ns);
+    shortest_arithmetic_ = std::min(shortest_arithmetic_.load(), ns);
+  }
   void go_on() {
     happens_ = false;
     happens_.notify_one();
@@ -323,6 +338,8 @@ class WatchedDriver : public robot::Driver {
   std::atomic<std::uint64_t> left_ = 0;
   std::atomic<std::int64_t> worst_ns_ = 0;
   std::int64_t begin_ns_ = 0;
+  std::atomic<std::int64_t> longest_arithmetic_ = 0, shortest_arithmetic_ = 1'000'000'000;
+  volatile double sum_ = 0;
   std::atomic<bool> happens_ = false;  // and the loop waits until it has
 };
 
@@ -345,6 +362,8 @@ class Running {
         }) {}
 
   ~Running() { end(); }
+
+  std::int64_t stall() const { return driver_.stall(); }
 
   void among_boxes() { door_.walls.put(boxes_about(models::arm("fr3"))); }
 
@@ -515,13 +534,14 @@ int main() try {
   std::fprintf(stderr, "%-46s p50 %6.2f us  p99 %6.2f us  at 1 kHz\n", slowest->name().c_str(), paced_p50,
                percentile_us(ns, 0.99));
   allocations += paced.finish();
-  double longest = 0;
+  double longest = 0, stall = 0;
   {
     std::vector<const Combination*> heavy{&all[0]};
     for (const auto& [controller, of] : slowest_of) heavy.push_back(of.second);
     Running eventful(true);
     eventful.go_home(all[0]);
     longest = 1e-3 * static_cast<double>(eventful.longest_among_events(heavy));
+    stall = 1e-3 * static_cast<double>(eventful.stall());
     allocations += eventful.finish();
   }
   double safe_p99 = 0;
@@ -540,9 +560,10 @@ int main() try {
   }
   std::printf(
       "{\"loop_compute_us_p50\": %.3f, \"loop_compute_us_p99\": %.3f, \"loop_compute_us_max\": %.3f, "
+      "\"computer_stall_us_max\": %.3f, "
       "\"loop_compute_paced_us_p50\": %.3f, "
       "\"loop_compute_safe_us_p99\": %.3f, \"loop_allocations\": %llu}\n",
-      p50, p99, longest, paced_p50, safe_p99, static_cast<unsigned long long>(allocations));
+      p50, p99, longest, stall, paced_p50, safe_p99, static_cast<unsigned long long>(allocations));
   return 0;
 } catch (const std::exception& error) {
   std::fprintf(stderr, "loop_compute: %s\n", error.what());
