@@ -96,13 +96,9 @@ struct Planner : RuckigPlanner<N> {
 };
 
 bool is_valid(const Reference& reference) {
-  if (reference.motion == Channels::kJoint) {
-    const JointReference& joint = reference.joint;
-    return joint.q.allFinite() && joint.dq.allFinite() && joint.ddq.allFinite();
-  }
-  const CartesianReference& pose = reference.cartesian;
-  return pose.position.allFinite() && std::abs(pose.orientation.norm() - 1) < 1e-6 && pose.velocity.allFinite() &&
-         pose.acceleration.allFinite();
+  constexpr double kRounding = 1e-6;
+  if (!is_finite(reference)) return false;
+  return reference.motion == Channels::kJoint || std::abs(reference.cartesian.orientation.norm() - 1) < kRounding;
 }
 
 Vector6 twist(const Vector3& linear, const Vector3& angular) {

@@ -2,7 +2,6 @@
 
 import sys
 import threading
-import time
 
 import report
 from panda_py import libfranka as franka
@@ -183,11 +182,14 @@ def gripper_stop():
         except RuntimeError as error:
             ends.append(str(error))
 
+    # States are read in the order in which they came: those from before wait in the socket.
+    while hand.read_once().width > 0.001:
+        pass
     mover = threading.Thread(target=move)
     mover.start()
     try:
         while hand.read_once().width < 0.002:
-            time.sleep(0.01)
+            pass
     finally:  # the next attempt, after a computer that stood still, finds a hand that nobody moves
         hand.stop()
         mover.join()
