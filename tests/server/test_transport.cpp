@@ -569,9 +569,10 @@ TEST_F(TransportTest, StatesArePublishedToWhoListens) {
   Subscriber all(context_, publisher_.endpoint(), "1");
   Subscriber some(context_, publisher_.endpoint(), "10 robot.q,cycles");
   std::optional<proto::ArmState> of_all, of_some;
-  // Until the subscriptions have arrived.
+  // Until the subscriptions have arrived; at the loop's pace, with which the publisher keeps up.
   while (!of_all || !of_some) {
     publish();
+    std::this_thread::sleep_for(1ms);
     if (!of_all) of_all = all.next(zmq::recv_flags::dontwait);
     if (!of_some) of_some = some.next(zmq::recv_flags::dontwait);
   }
@@ -596,7 +597,10 @@ TEST_F(TransportTest, StatesArePublishedToWhoListens) {
 TEST_F(TransportTest, WhoSubscribesToTooMuchIsCutOffAndNobodyElse) {
   Subscriber honest(context_, publisher_.endpoint(), "1 cycles");
   std::optional<proto::ArmState> state;
-  while (!(state = honest.next(zmq::recv_flags::dontwait))) publish();
+  while (!(state = honest.next(zmq::recv_flags::dontwait))) {
+    publish();
+    std::this_thread::sleep_for(1ms);
+  }
   for (const std::size_t length : {20u, 100'000u}) {  // many, and long ones
     zmq::socket_t greedy(context_, zmq::socket_type::sub);
     greedy.set(zmq::sockopt::linger, 0);
