@@ -7,7 +7,7 @@
 //                               combinations are the slowest for each robot controller. Time of the processor, since a
 //                               computer that stands still or does something else is none of the loop
 //   computer_stall_us_max       by which a piece of arithmetic before each of these cycles, in the same thread and by the same
-//                               clock, took longer than it mostly does: what interrupts and the machine beneath add to any cycle
+//                               clock, took longer than at best: what interrupts and the machine beneath add to any cycle
 //   loop_compute_paced_us_p50   in real time, of the combination with the highest p50 in lockstep
 //   loop_compute_safe_us_p99    in lockstep with 20 boxes as walls about the arm (bench/boxes.hpp), of some of the combinations
 //   loop_allocations            of the loop's thread in all of this

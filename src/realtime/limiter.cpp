@@ -826,7 +826,7 @@ bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcep
   }
   out.motion = m.motion;
   const bool held = m.motion == Channels::kJoint ? m.follow(wanted.joint, dt, out.joint)
-                                                    : m.follow(wanted.cartesian, dt, out.cartesian);
+                                                 : m.follow(wanted.cartesian, dt, out.cartesian);
   m.last = out;
   m.watch(held);
   return held;

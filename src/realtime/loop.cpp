@@ -15,7 +15,6 @@ namespace {
 constexpr std::uint64_t kAnswerTime = 1000;     // ms for the robot to answer a request or to change its modes
 constexpr std::uint64_t kRecoveryTime = 10000;  // ms: brakes are opened on the way
 constexpr std::uint64_t kMoveAgain = 20;        // ms after which a motion that was not possible is asked for again
-constexpr std::uint64_t kLongestGap = 21;       // ms from state to state of a motion: it ends when 20 commands have not come
 constexpr std::uint64_t kAnswerLead = 20;       // ms by which the answer to Move may precede its state
 constexpr std::size_t kDoorRoom = 4;            // results and skills that one more skill may send back at once
 
@@ -137,7 +136,7 @@ bool Loop::receive() noexcept {
   }
   ticks_ = cycles_ == 0 ? 1 : state_.message_id - last;
   lost_states_ += ticks_ - 1;
-  if (in_motion() && ticks_ > kLongestGap) ticks_ = 1;  // if the motion goes on, the clock has leapt
+  if (in_motion() && ticks_ > RobotController::kMostLost + 1) ticks_ = 1;  // if the motion goes on, the clock has leapt
   ++cycles_;
   return true;
 }
@@ -652,15 +651,13 @@ bool Loop::waits_for_start() const noexcept {
   return phase_ == Phase::kRunning && first_command_ns_ == 0 && skill_->start_ns > driver_.received_ns();
 }
 
-// A slow one begins at rest: a fast motion that it takes over from is braked by the limits, and not on its clock, which would lead
-// it astray.
 void Loop::start_trajectory() noexcept {
   path_.start(skill_->speed);
   slowed_ = 0;
   waited_ = false;
   rejoin_.stop();
   wanted_ = {};  // a trajectory that exerts nothing does not say so
-  const Reference from = skill_->speed < 1 ? at_rest(reference_) : reference_;
+  const Reference from = skill_->start_from(reference_);
   watch_.start(PartWatch::kTrajectory, skill_->numbers.trajectory, [&] { skill_->trajectory->start(from); });
 }
 

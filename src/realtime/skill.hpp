@@ -32,6 +32,10 @@ struct Skill {
   double blend = 0;          // s before its trajectory is over, within a robot controller
   double speed = 1;          // of the time along its trajectory, 0.01 to 1
   std::int64_t start_ns = 0;  // CLOCK_MONOTONIC; until then the arm rests where it is, or the skill before goes on
+
+  // What its trajectory starts from. A slow one begins at rest: a fast motion that it takes over from is braked by the limits, and
+  // not on its clock, which would lead it astray.
+  Reference start_from(const Reference& reference) const noexcept { return speed < 1 ? at_rest(reference) : reference; }
 };
 
 // Other parts for a skill that runs, of the same robot controller and settings. Goes back through the door with the parts that

@@ -31,7 +31,6 @@ using realtime::Vector7;
 
 constexpr std::size_t kMaxDescription = 1024;  // bytes
 constexpr int kMostTerminations = 16;
-constexpr double kSlowest = 0.01;  // of a trajectory's clock
 constexpr int kPathSamples = 8;
 constexpr double kSampleTime = 0.02;  // s, about, between the places of a way that are looked at
 constexpr int kLeastSamples = 100, kMostSamples = 1000;
@@ -66,9 +65,6 @@ void check_message(const proto::Skill& message) {
   if (!message.has_controller()) {
     refuse(fmt::format("Skill.controller is missing: expected one of {}", fmt::join(controller_kinds(), ", ")));
   }
-  if (!(message.speed() >= kSlowest && message.speed() <= 1)) {
-    refuse(fmt::format("Skill.speed is {}: expected {} to 1", message.speed(), kSlowest));
-  }
   if (message.terminations_size() > kMostTerminations) {
     refuse(fmt::format("Skill.terminations has {} elements: expected at most {}", message.terminations_size(),
                        kMostTerminations));
@@ -82,7 +78,7 @@ std::string text_of(const Reference& reference) {
     return "[" + text + "]";
   };
   return reference.motion == Channels::kJoint ? numbers(reference.joint.q) + " rad"
-                                                 : numbers(reference.cartesian.position) + " m";
+                                              : numbers(reference.cartesian.position) + " m";
 }
 
 Eigen::Isometry3d pose_of(const Reference& reference) {
@@ -223,9 +219,8 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   realtime::Cycle cycle{now.state, *model_};
   cycle.q = Eigen::Map<const Vector7>(now.state.q.data());
   cycle.dq = Eigen::Map<const Vector7>(now.state.dq.data());
-  cycle.O_T_EE = Eigen::Map<const Eigen::Matrix4d>(now.state.O_T_EE.data());
-  Reference start = start_of(motion, now, after, arm.q);
-  if (skill->speed < 1) start = at_rest(start);
+  cycle.O_T_EE = realtime::pose(now.state.O_T_EE);
+  const Reference start = skill->start_from(start_of(motion, now, after, arm.q));
   skill->trajectory->start(start);
   if (skill->trajectory->shortened()) {
     refuse(fmt::format("{}: its goal is beyond the arm's range; the nearest is {}", trajectory,
@@ -246,11 +241,10 @@ Vector7 SkillBuilder::joints_at_start(const realtime::Record& now, const Referen
   return after->motion == Channels::kJoint ? after->joint.q : reach(*model_, limits_, pose_of(*after), q).q;
 }
 
-// Where such a motion will begin: where the one before ends; else the reference that is commanded now; else what
-// is measured.
+// Where such a motion will begin: where the one before ends; else the reference that is commanded now; else what is measured.
 Reference SkillBuilder::start_of(Channels motion, const realtime::Record& now, const Reference* after, const Vector7& q) {
   if (after == nullptr && now.command.message_id != 0 && now.reference.motion == motion) return now.reference;
-  Eigen::Isometry3d O_T_EE(Eigen::Map<const Eigen::Matrix4d>(now.state.O_T_EE.data()));
+  Eigen::Isometry3d O_T_EE = realtime::pose(now.state.O_T_EE);
   if (after != nullptr) O_T_EE = after->motion == Channels::kJoint ? model_->O_T_EE(q) : pose_of(*after);
   Reference start;
   start.motion = motion;

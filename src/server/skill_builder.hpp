@@ -36,8 +36,8 @@ class SkillBuilder {
   realtime::Vector7 joints_at_start(const realtime::Record& now, const realtime::Reference* after);
   realtime::Reference start_of(realtime::Channels motion, const realtime::Record& now, const realtime::Reference* after,
                                const realtime::Vector7& q);
-  // Checks the way of a trajectory that has started at `from`, as it looks in that cycle; where limits of the arm ask for it, it then gets a slower pace, and
-  // has started again. `q`: joints at its start, rad; `robots`: the robot makes those of the poses.
+  // Checks the way of a trajectory that has started at `from`, as it looks in that cycle; where limits of the arm ask for it, it
+  // then gets a slower pace, and has started again. `q`: joints at its start, rad; `robots`: the robot makes those of the poses.
   void check_joint_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,
                         const realtime::Cycle& cycle, const realtime::Reference& from);
   void check_cartesian_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,

@@ -1,13 +1,11 @@
 #include "realtime/robot_controllers/motion.hpp"
 
-#include <algorithm>
-
 #include "realtime/tool.hpp"
 
 namespace realtime::robot_controllers {
 
 int Motion::pass(int ticks, Limiter& limiter, Reference& reference) const noexcept {
-  for (int lost = std::min(ticks - 1, kMostLost); lost > 0; --lost) limiter.coast(kTick, reference);
+  for (int lost = ticks - 1; lost > 0; --lost) limiter.coast(kTick, reference);
   return 1;
 }
 

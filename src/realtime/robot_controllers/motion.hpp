@@ -5,11 +5,9 @@
 namespace realtime::robot_controllers {
 
 // What the four motion interfaces have in common: the robot has the reference, at 1 kHz. It goes on with constant acceleration
-// while it gets none, for kMostLost cycles; then it gives up.
+// while it gets none.
 class Motion : public RobotController {
  public:
-  static constexpr int kMostLost = 20;
-
   bool takes_torque() const noexcept override { return false; }
   bool has_reference() const noexcept override { return true; }
   int pass(int ticks, Limiter& limiter, Reference& reference) const noexcept override;

@@ -12,6 +12,9 @@ namespace realtime {
 // comes, when it may be finished, and the bytes. A kind is one file of this folder; nothing else asks for the mode.
 class RobotController {
  public:
+  // Cycles in a row without a command, after which the robot ends a motion.
+  static constexpr int kMostLost = 20;
+
   virtual ~RobotController() = default;
 
   // The robot takes torques of ours; else its own controllers follow what is commanded.
@@ -25,7 +28,7 @@ class RobotController {
   // The reference that a motion begins from, at rest.
   virtual Reference start(const Cycle& cycle, Channels motion, Model& model) const noexcept = 0;
 
-  // States were lost, `ticks` cycles (1: none) went by since the last: moves `reference` to where the robot has it, and returns
+  // States were lost, `ticks` cycles (1: none; at most kMostLost more) went by since the last: moves `reference` to where the robot has it, and returns
   // how many steps of a trajectory this cycle is worth.
   virtual int pass(int ticks, Limiter& limiter, Reference& reference) const noexcept = 0;
 

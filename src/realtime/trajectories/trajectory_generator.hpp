@@ -19,9 +19,9 @@ class TrajectoryGenerator : public Part {
   virtual void start(const Reference& from) noexcept = 0;
 
   // Writes the reference `time` s after start(), along the trajectory: its time goes slower than the robot's clock where the
-  // skill's speed or limits of the arm ask for it. Any times may be asked for; the server room asks in advance, in the cycle that
-  // is newest then, of whose model nobody has made anything. True when the trajectory is over: from then on the reference is the
-  // goal, at rest.
+  // skill's speed or limits of the arm ask for it. Any times may be asked for; the server room asks in advance, with what is
+  // measured then and a model in no particular posture. True when the trajectory is over: from then on the reference is the goal,
+  // at rest.
   virtual bool step(const Cycle& cycle, double time, Reference& reference) noexcept = 0;
 
   // Where it ends, known from start() on.
