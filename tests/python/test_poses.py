@@ -80,6 +80,19 @@ def test_the_next_motion_begins_where_a_fast_one_ended(fa, arm, robot):
     np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.01)
 
 
+def test_the_elbow_does_not_creep_over_a_sequence(fa, arm):
+    """There and back five times, soft: what the elbow is held to is the same each time, wherever friction has left it."""
+    away = fa.get_pose()
+    home, away.translation = fa.get_pose(), away.translation + [0.1, 0.2, -0.1]
+    elbows = []
+    for _ in range(5):
+        fa.goto_pose(away, 1)
+        fa.goto_pose(home, 1)
+        elbows.append(fa.get_joints()[2])
+    assert np.abs(np.array(elbows) - elbows[0]).max() < 0.01, elbows
+    assert np.abs(fa.get_joints() - HOME).max() < 0.05, fa.get_joints()
+
+
 def test_the_next_motion_goes_after_the_arm_has_run_into_the_floor(fa, arm, robot):
     """A goal below the floor, hard and fast: the robot stops, recovers, and takes a pose from where it is.
 

@@ -1242,6 +1242,23 @@ TEST_F(LoopTest, AnArmThatIsHeldIsWaitedForAndDoesNotLeap) {
   judge = false;  // the mock's torque rate in float32
 }
 
+TEST_F(LoopTest, APathThatIsFasterThanTheJointsIsWaitedFor) {
+  models::Limits careless = robot.limits;  // of who planned it
+  for (auto* most : {&careless.dq_max, &careless.ddq_max, &careless.dddq_max}) most->fill(1e6);
+  careless.envelope_deceleration.fill(0);
+  const Vector7 from = robot.q(), way = (Vector7() << 2.2, 0.2, -0.4, 0.3, 0.05, -0.2, 0.6).finished();
+  give(std::make_unique<MinJerkJoint>(MinJerkJoint::Parameters{from + way, 0.2}, careless), std::make_unique<Internal>());
+  double bent = 0;
+  while (results_seen == 0 && cycle()) {
+    const Vector7 along = robot.q() - from;
+    bent = std::max(bent, (along - along.dot(way) / way.squaredNorm() * way).cwiseAbs().maxCoeff());
+  }
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_GT(results[0].limited_cycles, 100u) << "the joints were in the way";
+  EXPECT_LT(bent, 0.15) << "0.32 where nothing waits";
+  EXPECT_NEAR((robot.q() - from - way).norm(), 0, 1e-6);
+}
+
 TEST_F(LoopTest, PosesKeepTheJointsInsideTheirLimitsUnderTorqueToo) {
   // Past the base at arm's length and back, faster than the joints could.
   give(to_pose({-0.25, -0.45, 0.1}, 0.3), std::make_unique<PoseSpring>());
