@@ -121,8 +121,7 @@ void Recorder::run() {
     look_after_disk();
     if (running_ && (running_->size() > config_.file_mb * kBytesPerMB ||
                      Clock::now() - started_ > std::chrono::duration<double>(60 * config_.file_minutes))) {
-      close(running_);
-      start({0, kIdleStep});  // nothing twice
+      change_file();
     }
     {
       const std::lock_guard lock(mutex_);
@@ -244,10 +243,21 @@ void Recorder::look_after_black_box() {
   if (kept_ && Clock::now() > kept_until_) close(kept_);
 }
 
+// Nothing twice, and nothing left out.
+void Recorder::change_file() {
+  std::unique_ptr<Recording> full = std::move(running_);
+  start(full->next());
+  end(full);
+}
+
 void Recorder::close(std::unique_ptr<Recording>& recording) {
+  write(recording);
+  end(recording);
+}
+
+void Recorder::end(std::unique_ptr<Recording>& recording) {
   if (!recording) return;
   try {
-    recording->write();
     recording->close();
     if (recording->lost() > 0) spdlog::warn("{}: {} states were lost, as the disk is too slow", recording->path().string(), recording->lost());
   } catch (const std::system_error& error) {

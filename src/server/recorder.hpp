@@ -65,7 +65,9 @@ class Recorder {
   void write(std::unique_ptr<Recording>& recording);
   void look_after_disk();
   void note_gripper();
+  void change_file();
   void close(std::unique_ptr<Recording>& recording);
+  void end(std::unique_ptr<Recording>& recording);
   void give_up(std::unique_ptr<Recording>& recording, const std::string& why);
 
   BlackBox& box_;

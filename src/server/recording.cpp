@@ -45,9 +45,10 @@ Recording::Recording(const BlackBox& box, const std::filesystem::path& path, con
       options_(options),
       file_(path),
       records_(box.records, first_of(box, options)),
-      place_(options.past > 0 ? box.journal.begin() : box.journal.end()) {
+      place_(options.place.value_or(options.past > 0 ? box.journal.begin() : box.journal.end())) {
   file_.add_metadata("recording", about);
   flushed_ns_ = now_ns();
+  if (options.place) return;
   const std::uint64_t written = box.records.written();
   oldest_ns_ = flushed_ns_ - static_cast<std::int64_t>(options.past + written - options.then.value_or(written)) * kCycle;
 }

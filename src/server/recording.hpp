@@ -20,11 +20,15 @@ class Recording {
     std::uint64_t past = 0;       // records from before then to begin with, and what the journal has of that time
     std::uint64_t idle_step = 1;  // of states in which the robot holds itself, one in so many
     std::optional<std::uint64_t> then{};  // how many records there were; not said: now
+    std::optional<std::uint64_t> place{};  // in the journal, from where on to take all of it; not said: what is of the past
   };
 
   // `about`: told in the file's metadata. The file must not exist yet.
   Recording(const BlackBox& box, const std::filesystem::path& path, const Options& options,
             const McapWriter::Metadata& about);
+
+  // For one that goes on where this one has come to.
+  Options next() const { return {0, options_.idle_step, records_.position(), place_}; }
 
   // Writes what is new, a chunk of it at most every kFlush.
   void write();

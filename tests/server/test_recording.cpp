@@ -177,6 +177,30 @@ TEST_F(RecordingTest, NeverTakesMoreThanItMay) {
   EXPECT_TRUE(fs::exists(folder_ / "arm" / "notes.txt"));
 }
 
+TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileGivesWayToTheNext) {
+  config_.mode = RecordingsConfig::Mode::kAlways;
+  config_.file_mb = 0.2;
+  constexpr int kBatches = 60, kBatch = 100;
+  {
+    Recorder recorder(box_, config_, "arm", nullptr);
+    ASSERT_TRUE(wait_for([&] { return recorder.ask({}).open(); }));
+    for (int k = 0; k < kBatches; ++k) {
+      cycles(kBatch);
+      box_.journal.note("/log", "frankapy.proto.LogLine", "", static_cast<std::uint32_t>(k));
+      std::this_thread::sleep_for(5ms);
+    }
+  }
+  EXPECT_GT(files().size(), 3u);
+  std::vector<std::string> lines;
+  for (const auto& file : files()) {
+    for (const auto& line : read(file)) lines.push_back(line.substr(0, line.rfind(' ')));
+  }
+  EXPECT_EQ(count(lines, "/states"), kBatches * kBatch);
+  EXPECT_EQ(count(lines, "/log"), kBatches);
+  std::sort(lines.begin(), lines.end());
+  EXPECT_EQ(std::adjacent_find(lines.begin(), lines.end()), lines.end());
+}
+
 TEST_F(RecordingTest, ADiskThatTakesNothingIsSaid) {
   config_.mode = RecordingsConfig::Mode::kAlways;
   config_.folder = "/proc/nowhere";
