@@ -89,19 +89,23 @@ def main() -> None:
                 time.sleep(20)
             idle = status()
             entries["log_mb_per_hour_idle"] = idle.bytes / 1e6 / idle.time * 3600
+            others = set(Path(folder).glob("*/*.mcap"))
             with fa.recording() as status:
                 move(fa, LONG)
-            done = status()
-            entries["log_mb_per_hour"] = done.bytes / 1e6 / done.time * 3600
-            files = sorted(Path(folder).glob("*/*.mcap"))[-1:]
+            lost = status().lost
+            files = sorted(set(Path(folder).glob("*/*.mcap")) - others)  # one gives way to the next
+        size = sum(file.stat().st_size for file in files)
         begin = time.perf_counter()
-        recording = Recording(files[0])
-        states = recording.states
-        entries["recording_read_rate"] = len(recording) / (time.perf_counter() - begin)
-        moving = ~((states["phase"][1:] == proto.READY) | (states["phase"][:-1] == proto.READY))
-        gaps = (np.diff(states["cycles"]) - 1)[moving]
-        entries["log_lost"] = float(gaps.sum() + done.lost)
-        print(f"{len(recording)} states in {files[0].stat().st_size / 1e6:.1f} MB", file=sys.stderr)
+        recordings = [Recording(file) for file in files]
+        phase, cycles = (np.concatenate([each.states[name] for each in recordings]) for name in ("phase", "cycles"))
+        took = time.perf_counter() - begin
+        seconds = recordings[-1].start + recordings[-1].states["time"][-1] - recordings[0].start
+        entries["recording_read_rate"] = len(cycles) / took
+        entries["log_mb_per_hour"] = size / 1e6 / seconds * 3600
+        moving = ~((phase[1:] == proto.READY) | (phase[:-1] == proto.READY))
+        gaps = (np.diff(cycles) - 1)[moving]
+        entries["log_lost"] = float(gaps.sum() + lost)
+        print(f"{len(cycles)} states in {len(files)} files, {size / 1e6:.1f} MB", file=sys.stderr)
     missing = [kill() for _ in range(KILLS)]
     print(f"missing at the end of killed ones: {np.round(missing)} ms", file=sys.stderr)
     entries["recording_kill_loss_ms"] = max(missing)

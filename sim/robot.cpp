@@ -26,6 +26,7 @@ constexpr fci::Version kSafetyStatuses = 6;
 // What Franka does not publish.
 constexpr int kRecoveryCycles = 50;
 constexpr double kAccelerating = 0.01;  // rad/s², of any joint's reference: the "acceleration" thresholds apply
+constexpr double kSwinging = 0.01;      // rad/s, of an arm that a reflex has not yet brought to rest
 constexpr double kPeakTorque = 1.5;     // of tau_max: what the motors have in reserve
 
 std::array<double, 2> elbow(const Vector& q) { return {q[2], q[3] > models::kElbowFlip ? 1. : -1.}; }
@@ -237,7 +238,8 @@ void Robot::advance_phase(const fci::RobotCommand* command) {
 }
 
 bool Robot::under_way() const {
-  return awaits_command() || asynchronous() || phase_ == Phase::kStopping || phase_ == Phase::kGuiding || !desired_.dq.isZero(0);
+  const bool swings = phase_ == Phase::kReflex && sensors_.dq.cwiseAbs().maxCoeff() > kSwinging;
+  return swings || awaits_command() || asynchronous() || phase_ == Phase::kStopping || phase_ == Phase::kGuiding || !desired_.dq.isZero(0);
 }
 
 void Robot::stand_still() {

@@ -483,6 +483,10 @@ def run(path, seed):
         fa.goto_pose(pose, duration=1)
         fa.close_gripper(grasp=False)
         fa.goto_joints(HOME, duration=1)
+        fa.goto_joints([0.3, 1.45, 0.2, -1.1, 0.1, 2.4, 0.8], 1, ignore_virtual_walls=True)  # into the table
+        assert fa.last_skill_result.ending == proto.ROBOT_ERROR
+        fa.wait_for_franka_interface()
+        fa.goto_joints(HOME, duration=2)
         simulation.network(loss_in=0.05, loss_out=0.05)
         fa.goto_joints(goal, duration=1)
         until(lambda: not simulation.truth().moving)
