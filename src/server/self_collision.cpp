@@ -18,6 +18,7 @@ using realtime::Vector3;
 constexpr double kOwnMargin = 0.001;  // m
 constexpr int kNeighbours = 3;        // links nearer to each other cannot meet, or always overlap
 constexpr double kNearing = 1e-4;     // m that is no nearer
+constexpr double kReach = 1.3;        // m/rad: no point of the arm moves farther by any of its joints
 
 realtime::Shape shape(const Vector3& a, const Vector3& b, double radius) {
   realtime::Shape out;
@@ -58,10 +59,16 @@ Nearness nearness(const ArmCapsules& arm, const realtime::Vector7& q) {
 void check_self_collision(const ArmCapsules& arm, std::span<const realtime::Vector7> way, const std::string& what) {
   constexpr double kMargin = models::kCapsuleMargin + kOwnMargin;
   if (way.empty()) return;
-  const double least = std::min(kMargin, nearness(arm, way[0]).distance - kNearing);
+  double distance = nearness(arm, way[0]).distance;
+  const double least = std::min(kMargin, distance - kNearing);
+  double moved = 0;  // at most, m, since distance was found
   for (std::size_t k = 1; k < way.size(); ++k) {
+    moved += kReach * (way[k] - way[k - 1]).lpNorm<1>();
+    if (moved < distance - least) continue;
     const Nearness found = nearness(arm, way[k]);
-    if (found.distance >= least) continue;
+    distance = found.distance;
+    moved = 0;
+    if (distance >= least) continue;
     const bool goal = k + 1 == way.size();
     throw Refused(frankapy::proto::Error::INVALID_ARGUMENT,
                   fmt::format("{}: {} would come within {:.0f} mm of {} of the arm itself {}: the robot stops at {:.0f} mm, and motions "
