@@ -125,7 +125,7 @@ def follow_eight() -> dict[str, float]:
     way = figure_eight()
     with arm() as (_, fa, truth):
         start = fa.get_pose(include_tool_offset=False)
-        samples = parts.PoseSamples((start.translation + way).ravel(), np.tile(start.quaternion, len(way)))
+        samples = parts.PoseSamples(start.translation + way, np.tile(start.quaternion, (len(way), 1)))
         with fa.states() as states:
             result = fa.run(samples, CartesianImpedance(600, [30] * 3))
             # The reference that was commanded in the cycle of a state is the sample of its time.

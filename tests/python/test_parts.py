@@ -101,7 +101,7 @@ JOINTS = {
     "CubicHermiteJoint": lambda: CubicHermiteJoint(GOAL, 0.8),
     "SineJoint": lambda: SineJoint(GOAL, 0.8),
     "TimeOptimalJoint": lambda: TimeOptimalJoint(GOAL, 0.2),
-    "JointVelocity": lambda: JointVelocity((GOAL - HOME) / 0.9, np.full(7, 0.11 / 0.09), 1.0),
+    "JointVelocity": lambda: JointVelocity((GOAL - HOME) / 0.9, np.full(7, 0.1 / 0.09), 1.0),
     "JointDmp": lambda: JointDmp(*SPRING, *BASIS, far(*GOAL - HOME), duration=0.8),
     "JointWaypoints": lambda: JointWaypoints([HOME + 0.5 * (GOAL - HOME), GOAL], speed=0.2),
     "JointSamples": lambda: JointSamples(HOME + fraction(801) * (GOAL - HOME)),
