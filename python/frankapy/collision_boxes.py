@@ -62,10 +62,20 @@ def _poses() -> np.ndarray:
 POSES = _poses()
 
 
+# The corners of each box in its frame, m, (12, 8, 3).
+_CORNERS = SHAPES[:, None, :] * np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+
+
 def rotation_from_rpy(angles: np.ndarray) -> np.ndarray:
     """Return the matrix of roll, pitch, yaw (rad) about the fixed axes x, y, z, in this order."""
-    roll, pitch, yaw = np.degrees(angles)
-    return _about("z", yaw) @ _about("y", pitch) @ _about("x", roll)
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def poses_at(joints: np.ndarray) -> np.ndarray:
@@ -125,9 +135,9 @@ def behind(walls: Any, points: Floats, whole_wall: bool = False) -> tuple[int, i
 
 def corners_at(joints: Floats) -> Floats:
     """Return the corners of the arm's boxes in the base at `joints` (rad, (7,)); m, (12 * 8, 3), box after box."""
-    signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     poses = poses_at(joints)
-    return np.concatenate([signs * size @ pose[:3, :3].T + pose[:3, 3] for pose, size in zip(poses, SHAPES, strict=True)])
+    corners: Floats = _CORNERS @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+    return corners.reshape(-1, 3)
 
 
 def place(wall: Any, point: Floats) -> str:
