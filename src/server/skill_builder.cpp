@@ -32,8 +32,9 @@ using realtime::Vector7;
 constexpr std::size_t kMaxDescription = 1024;  // bytes
 constexpr int kMostTerminations = 16;
 constexpr int kPathSamples = 8;
-constexpr double kSampleTime = 0.02;  // s, about, between the places of a way that are looked at
-constexpr int kLeastSamples = 100, kMostSamples = 1000;
+// Between the places of a way that are looked at, about: s, and as far as kEnoughSamples go m and rad.
+constexpr double kSampleTime = 0.02, kSampleLength = 0.002;
+constexpr int kLeastSamples = 20, kEnoughSamples = 100, kMostSamples = 1000;
 constexpr int kSteps = 3;     // of inverse kinematics from one place to the next, of a way of poses
 constexpr int kFirstSteps = 20;  // to its first, which an arm is beside that does not follow exactly
 constexpr double kMissed = 5e-3;         // m, rad
@@ -94,8 +95,10 @@ std::string place(int sample) {
 
 constexpr const char* kOtherWay = "go there by joints (goto_joints), or begin from a posture farther from it";
 
-int samples_of(double duration) {
-  return std::clamp(static_cast<int>(duration / kSampleTime), kLeastSamples, kMostSamples);
+// `length`: m and rad together, of all joints or of translation and rotation.
+int samples_of(double duration, double length) {
+  const double places = std::max(duration / kSampleTime, std::min(length / kSampleLength, 1. * kEnoughSamples));
+  return static_cast<int>(std::clamp(places, 1. * kLeastSamples, 1. * kMostSamples));
 }
 
 // It has started at `from`, and has afterwards.
@@ -259,9 +262,13 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
   const double duration = trajectory->duration();
   Reference reference;
   Vector7 outside;  // of the limits; an arm that begins there may come back
+  Vector7 before = from.joint.q;
+  double length = 0;
   for (int sample = 0; sample <= kPathSamples; ++sample) {
     trajectory->step(cycle, duration * sample / kPathSamples, reference);
     if (sample == kPathSamples) reference = trajectory->goal();
+    length += (reference.joint.q - before).lpNorm<1>();
+    before = reference.joint.q;
     for (int i = 0; i < 7; ++i) {
       const double q = reference.joint.q[i];
       const double excess = std::max(limits_.q_min[i] - q, q - limits_.q_max[i]);
@@ -274,7 +281,7 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
   if (!(duration > 0 && std::isfinite(duration))) return;
   // Joints within their own limits may move EE faster than the robot allows: then they are slowed down there.
   SampledWay way{duration, {}, {}};
-  const int samples = samples_of(duration);
+  const int samples = samples_of(duration, length);
   realtime::Vector3 last;
   for (int sample = 0; sample <= samples; ++sample) {
     trajectory->step(cycle, duration * sample / samples, reference);
@@ -312,27 +319,36 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
   // The goal first: it is what people ask for, and what to name when it is the goal that is wrong.
   check(kPathSamples, pose_of(trajectory->goal()), q);
   Vector7 reached = q;
+  realtime::CartesianReference before = from.cartesian;
+  double length = 0;
+  const auto pass = [&](const Reference& here) {
+    const realtime::Vector6 way = realtime::change_between(before, here.cartesian);
+    length += way.head<3>().norm() + way.tail<3>().norm();
+    before = here.cartesian;
+  };
   for (int sample = 1; sample < kPathSamples; ++sample) {
     trajectory->step(cycle, duration * sample / kPathSamples, reference);
     reached = check(sample, pose_of(reference), reached);
+    pass(reference);
   }
+  pass(trajectory->goal());
   if (!(duration > 0 && std::isfinite(duration))) return;
   // Every pose of it is reached by some joints; now those with which the arm goes from one to the next. The elbow gives way in the
   // time that it has, so that a way which gets another pace is gone along once more.
-  SampledWay way = way_of_poses(*trajectory, kind, cycle, q, nullptr, robots);
+  const int samples = samples_of(duration, length);
+  SampledWay way = way_of_poses(*trajectory, samples, kind, cycle, q, nullptr, robots);
   auto pace = pace_along(way, limits_, kPoseShare);
   if (pace) {
-    way = way_of_poses(*trajectory, kind, cycle, q, &*pace, robots);
+    way = way_of_poses(*trajectory, samples, kind, cycle, q, &*pace, robots);
     pace = pace_along(way, limits_, kPoseShare);
   }
   slow_down(trajectory, std::move(pace), from);
   check_bodies(way.q, kind);
 }
 
-SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, const std::string& kind, const realtime::Cycle& cycle,
-                                      const Vector7& q, const realtime::Pace* pace, bool robots) {
+SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, int samples, const std::string& kind,
+                                      const realtime::Cycle& cycle, const Vector7& q, const realtime::Pace* pace, bool robots) {
   SampledWay way{trajectory.duration(), {}, {}};
-  const int samples = samples_of(way.duration);
   realtime::PoseJoints joints(*model_, limits_);
   joints.place(q);
   Reference reference;

@@ -43,9 +43,10 @@ class SkillBuilder {
   void check_cartesian_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,
                             const realtime::Cycle& cycle, const realtime::Reference& from, const realtime::Vector7& q, bool robots);
 
-  // The joints with which the arm goes along such a path from q, checked, and how fast; in the time of `pace` if there is one.
-  SampledWay way_of_poses(realtime::TrajectoryGenerator& trajectory, const std::string& kind, const realtime::Cycle& cycle,
-                          const realtime::Vector7& q, const realtime::Pace* pace, bool robots);
+  // The joints with which the arm goes along such a path from q at so many places, checked, and how fast; in the time of `pace` if
+  // there is one.
+  SampledWay way_of_poses(realtime::TrajectoryGenerator& trajectory, int samples, const std::string& kind,
+                          const realtime::Cycle& cycle, const realtime::Vector7& q, const realtime::Pace* pace, bool robots);
   // The greatest share of its velocity that leaves the joints room to come to rest; 0 if there is none.
   double rate_with_room(realtime::Reference pose, const realtime::JointsOfPose& joints, bool robots);
 
