@@ -67,15 +67,14 @@ _CORNERS = SHAPES[:, None, :] * np.array(list(itertools.product((-0.5, 0.5), rep
 
 
 def rotation_from_rpy(angles: np.ndarray) -> np.ndarray:
-    """Return the matrix of roll, pitch, yaw (rad) about the fixed axes x, y, z, in this order."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    """Return the matrices (..., 3, 3) of roll, pitch, yaw (rad, (..., 3)) about the fixed axes x, y, z, in this order."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles).T, np.cos(angles).T
+    transposed = [
+        [cy * cp, sy * cp, -sp],
+        [cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr],
+        [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr],
+    ]
+    return np.array(transposed).T
 
 
 def poses_at(joints: np.ndarray) -> np.ndarray:
@@ -86,12 +85,16 @@ def poses_at(joints: np.ndarray) -> np.ndarray:
 def as_box(box: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return pose (4, 4) and size (3,) of a box: centre x, y, z, roll, pitch, yaw about fixed axes, size; m, rad, (9,)."""
     box = vector("box", box, 9)
-    if np.any(box[6:] < 0):
-        raise FrankaArmArgumentError(f"box has the size {box[6:]}: expected at least 0 m along each axis")
+    _check_sizes(box[None, 6:])
     pose = np.eye(4)
     pose[:3, :3] = rotation_from_rpy(box[3:6])
     pose[:3, 3] = box[:3]
     return pose, box[6:]
+
+
+def _check_sizes(sizes: np.ndarray) -> None:
+    for size in sizes[(sizes < 0).any(axis=1)]:
+        raise FrankaArmArgumentError(f"box has the size {size}: expected at least 0 m along each axis")
 
 
 def meet(pose: np.ndarray, size: np.ndarray, other: np.ndarray, other_size: np.ndarray) -> bool:
@@ -120,17 +123,19 @@ def behind(walls: Any, points: Floats, whole_wall: bool = False) -> tuple[int, i
         points: m, in the base, (m, 3).
         whole_wall: also what is in the half of it that is nearer to the base.
     """
-    for number, wall in enumerate(table("walls", walls, 9)):
-        pose, size = as_box(wall)
-        thin = int(np.argmin(size))
-        outward = pose[:3, thin]
-        distance = float(outward @ pose[:3, 3])
-        if distance < 0:  # the base is on the other side
-            outward, distance = -outward, -distance
-        beyond = np.flatnonzero(points @ outward >= distance - (size[thin] / 2 if whole_wall else 0))
-        if distance > 0 and len(beyond):
-            return number, int(beyond[0])
-    return None
+    boxes = table("walls", walls, 9)
+    sizes = boxes[:, 6:]
+    _check_sizes(sizes)
+    thin = sizes.argmin(axis=1)
+    rows = np.arange(len(boxes))
+    normal = rotation_from_rpy(boxes[:, 3:6])[rows, :, thin]
+    distance = (normal * boxes[:, :3]).sum(axis=1)  # of the wall's middle plane from the base, which may be on either side
+    beyond = np.abs(distance) - (sizes[rows, thin] / 2 if whole_wall else 0)
+    found = (points @ (normal * np.sign(distance)[:, None]).T >= beyond) & (distance != 0)
+    if not found.any():
+        return None
+    number = int(found.any(axis=0).argmax())
+    return number, int(found[:, number].argmax())
 
 
 def corners_at(joints: Floats) -> Floats:
