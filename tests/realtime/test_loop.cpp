@@ -15,6 +15,7 @@
 #include "mock_driver.hpp"
 #include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/controllers/joint_impedance.hpp"
+#include "realtime/robot_controllers/robot_controller.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/trajectories/min_jerk_pose.hpp"
 #include "realtime/trajectories/relative_min_jerk_joint.hpp"
@@ -1191,6 +1192,21 @@ TEST_F(LoopTest, APoseThatIsLeftFromAFormerMotionIsNotBelieved) {
   give(to_pose({0, 0, 0.05}, 0.5), std::make_unique<Internal>());
   ASSERT_TRUE(until_result());  // and the robot judges what it was sent
   EXPECT_EQ(results[0].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, ARobotWhoseKinematicsAreNotOursIsBelievedWhereItIs) {
+  const Vector7 q = robot.q(), q_d = q + Vector7::Constant(1e-3);
+  Eigen::Isometry3d calibrated = Eigen::Isometry3d::Identity();
+  calibrated.translation() << 0.02, 0, 0.1;
+  const Eigen::Isometry3d there = model.O_T_EE(q_d) * calibrated;
+  fci::RobotState state{};
+  Vector7::Map(state.q_d.data()) = q_d;
+  Eigen::Matrix4d::Map(state.O_T_EE_c.data()) = there.matrix();
+  Cycle cycle{state, model};
+  cycle.q = q;
+  cycle.O_T_EE = model.O_T_EE(q) * calibrated;
+  const Reference start = robot_controller(kInternalPose).start(cycle, Channels::kPose, model);
+  EXPECT_LT((start.cartesian.position - there.translation()).norm(), 1e-12);
 }
 
 TEST_F(LoopTest, AMotionIsNotFinishedWhileTheArmStillMoves) {

@@ -5,14 +5,16 @@
 namespace realtime::robot_controllers {
 namespace {
 
-// What the server's model of the arm may differ by from the robot's own.
+// By which poses differ that are the same.
 constexpr double kSamePosition = 2e-3;  // m
 constexpr double kSameAngle = 0.01;     // rad
 
 }  // namespace
 
 Reference CartesianPose::start(const Cycle& cycle, Channels, Model& model) const noexcept {
-  Eigen::Isometry3d T = model.O_T_EE(Vector7::Map(cycle.state.q_d.data()));
+  // From where the robot says that it is: its kinematics may be calibrated, and are not ours.
+  const Vector7 q_d = Vector7::Map(cycle.state.q_d.data());
+  Eigen::Isometry3d T = cycle.O_T_EE * model.O_T_EE(cycle.q).inverse() * model.O_T_EE(q_d);
   if (is_pose(cycle.state.O_T_EE_c)) {
     const Eigen::Isometry3d commanded = pose(cycle.state.O_T_EE_c);
     const Eigen::Quaterniond turn(Eigen::Matrix3d(T.linear().transpose() * commanded.linear()));
