@@ -18,8 +18,9 @@ std::string check(const models::Limits& limits, const SensorSample& sample) {
   for (int i = 0; i < models::kJoints; ++i) {
     const double q = sample.values[kJointsAt[sample.message] + i];
     if (q >= rest_min(limits, i) && q <= rest_max(limits, i)) continue;
-    return "joint " + std::to_string(i + 1) + " is " + std::to_string(q) + " rad: expected " +
-           std::to_string(rest_min(limits, i)) + " to " + std::to_string(rest_max(limits, i)) + " rad";
+    std::string text = "joint ";
+    text += std::to_string(i + 1) + " is " + std::to_string(q) + " rad: expected ";
+    return text += std::to_string(rest_min(limits, i)) + " to " + std::to_string(rest_max(limits, i)) + " rad";
   }
   return "";
 }
@@ -27,14 +28,14 @@ std::string check(const models::Limits& limits, const SensorSample& sample) {
 }  // namespace
 
 StreamJoint::StreamJoint(const Parameters& parameters, const models::Limits& limits)
-    : input_(std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages,
+    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages,
                                            [limits](const SensorSample& sample) { return check(limits, sample); })),
       stream_(std::make_unique<TargetStream<models::kJoints>>(parameters.delay, parameters.timeout, joint_rates(limits, parameters.speed))) {}
 
 StreamJoint::~StreamJoint() = default;
 
 void StreamJoint::start(const Reference& from) noexcept {
-  goal_ = at_rest(from);
+  Stream::start(from);
   stream_->start({from.joint.q, from.joint.dq, from.joint.ddq});
 }
 

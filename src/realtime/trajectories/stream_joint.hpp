@@ -5,7 +5,7 @@
 #include <string>
 
 #include "models/arm.hpp"
-#include "realtime/trajectories/trajectory_generator.hpp"
+#include "realtime/trajectories/stream.hpp"
 
 namespace realtime {
 
@@ -14,7 +14,7 @@ class TargetStream;
 
 // Joint positions that come over a topic while the skill runs, made into a smooth motion (TargetStream). It stays where it is
 // until the first comes, and ends by a termination only.
-class StreamJoint : public TrajectoryGenerator {
+class StreamJoint : public Stream {
  public:
   struct Parameters {
     std::string topic;
@@ -27,18 +27,12 @@ class StreamJoint : public TrajectoryGenerator {
   StreamJoint(const Parameters& parameters, const models::Limits& limits);
   ~StreamJoint() override;
 
-  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
   Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
-  const Reference& goal() const noexcept override { return goal_; }
-  double duration() const noexcept override { return 0; }
-  double stretch() const noexcept override { return 1; }
 
  private:
-  std::shared_ptr<SensorInput> input_;
   std::unique_ptr<TargetStream<models::kJoints>> stream_;
-  Reference goal_;  // where it began
 };
 
 }  // namespace realtime

@@ -30,13 +30,13 @@ StreamPose::StreamPose(const Parameters& parameters, const models::Limits& limit
     : StreamPose(parameters, limits, std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages)) {}
 
 StreamPose::StreamPose(const Parameters& parameters, const models::Limits& limits, std::shared_ptr<SensorInput> input)
-    : input_(std::move(input)),
+    : Stream(std::move(input)),
       stream_(std::make_unique<TargetStream<6>>(parameters.delay, parameters.timeout, pose_rates(limits, parameters.speed))) {}
 
 StreamPose::~StreamPose() = default;
 
 void StreamPose::start(const Reference& from) noexcept {
-  goal_ = at_rest(from);
+  Stream::start(from);
   turn_.setZero();
   const CartesianReference& pose = from.cartesian;
   TargetStream<6>::Point point;
@@ -53,7 +53,7 @@ void StreamPose::take(double time, const SensorSample& sample) noexcept {
 
 void StreamPose::add(double time, const SensorSample& sample, const Vector3& position,
                      const Eigen::Quaterniond& orientation) noexcept {
-  turn_ = nearest(log(orientation.normalized() * goal_.cartesian.orientation.conjugate()), turn_);
+  turn_ = nearest(log(orientation.normalized() * goal().cartesian.orientation.conjugate()), turn_);
   Vector6 x;
   x << position, turn_;
   const double sent = sample.sent_ns != 0 ? 1e-9 * static_cast<double>(sample.sent_ns)
@@ -72,7 +72,7 @@ bool StreamPose::step(const Cycle&, double time, Reference& reference) noexcept 
   reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;
   pose.position = point.x.head<3>();
-  pose.orientation = (exp(r) * goal_.cartesian.orientation).normalized();
+  pose.orientation = (exp(r) * goal().cartesian.orientation).normalized();
   pose.velocity << point.v.head<3>(), rates.velocity;
   pose.acceleration << point.a.head<3>(), rates.acceleration;
   return false;

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "models/arm.hpp"
-#include "realtime/trajectories/trajectory_generator.hpp"
+#include "realtime/trajectories/stream.hpp"
 
 namespace realtime {
 
@@ -13,7 +13,7 @@ template <int N>
 class TargetStream;
 
 // As StreamJoint, poses of EE in O. Orientations are passed as rotation vectors relative to the orientation at the start.
-class StreamPose : public TrajectoryGenerator {
+class StreamPose : public Stream {
  public:
   struct Parameters {
     std::string topic;
@@ -26,13 +26,9 @@ class StreamPose : public TrajectoryGenerator {
   StreamPose(const Parameters& parameters, const models::Limits& limits);
   ~StreamPose() override;
 
-  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
   Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
-  const Reference& goal() const noexcept override { return goal_; }
-  double duration() const noexcept override { return 0; }
-  double stretch() const noexcept override { return 1; }
 
  protected:
   StreamPose(const Parameters& parameters, const models::Limits& limits, std::shared_ptr<SensorInput> input);
@@ -41,10 +37,8 @@ class StreamPose : public TrajectoryGenerator {
   void add(double time, const SensorSample& sample, const Vector3& position, const Eigen::Quaterniond& orientation) noexcept;
 
  private:
-  std::shared_ptr<SensorInput> input_;
   std::unique_ptr<TargetStream<6>> stream_;
   Vector3 turn_ = Vector3::Zero();  // of the last target, relative to the start
-  Reference goal_;                  // where it began
 };
 
 }  // namespace realtime

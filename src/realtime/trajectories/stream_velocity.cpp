@@ -15,7 +15,7 @@ constexpr int kVelocityAt = 2;  // in the numbers of either message
 }  // namespace
 
 StreamJointVelocity::StreamJointVelocity(const Parameters& parameters, const models::Limits& limits)
-    : input_(std::make_shared<SensorInput>(require_topic(parameters.topic),
+    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic),
                                            std::vector<std::string>{"JointVelocitySensorMessage"})),
       stream_(std::make_unique<VelocityStream<models::kJoints>>(parameters.timeout, joint_rates(limits, parameters.speed))) {
   for (int i = 0; i < models::kJoints; ++i) {
@@ -27,7 +27,7 @@ StreamJointVelocity::StreamJointVelocity(const Parameters& parameters, const mod
 StreamJointVelocity::~StreamJointVelocity() = default;
 
 void StreamJointVelocity::start(const Reference& from) noexcept {
-  goal_ = at_rest(from);
+  Stream::start(from);
   stream_->start({from.joint.q, from.joint.dq, from.joint.ddq});
 }
 
@@ -48,14 +48,14 @@ bool StreamJointVelocity::step(const Cycle&, double time, Reference& reference) 
 }
 
 StreamCartesianVelocity::StreamCartesianVelocity(const Parameters& parameters, const models::Limits& limits)
-    : input_(std::make_shared<SensorInput>(require_topic(parameters.topic),
+    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic),
                                            std::vector<std::string>{"CartesianVelocitySensorMessage"})),
       stream_(std::make_unique<VelocityStream<6>>(parameters.timeout, pose_rates(limits, parameters.speed))) {}
 
 StreamCartesianVelocity::~StreamCartesianVelocity() = default;
 
 void StreamCartesianVelocity::start(const Reference& from) noexcept {
-  goal_ = at_rest(from);
+  Stream::start(from);
   orientation_ = from.cartesian.orientation;
   time_ = 0;
   VelocityStream<6>::Point point;

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "models/arm.hpp"
-#include "realtime/trajectories/trajectory_generator.hpp"
+#include "realtime/trajectories/stream.hpp"
 
 namespace realtime {
 
@@ -13,7 +13,7 @@ template <int N>
 class VelocityStream;
 
 // Joint velocities that come over a topic while the skill runs. It ends by a termination only.
-class StreamJointVelocity : public TrajectoryGenerator {
+class StreamJointVelocity : public Stream {
  public:
   struct Parameters {
     std::string topic;
@@ -25,23 +25,17 @@ class StreamJointVelocity : public TrajectoryGenerator {
   StreamJointVelocity(const Parameters& parameters, const models::Limits& limits);
   ~StreamJointVelocity() override;
 
-  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
   Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
-  const Reference& goal() const noexcept override { return goal_; }
-  double duration() const noexcept override { return 0; }
-  double stretch() const noexcept override { return 1; }
 
  private:
-  std::shared_ptr<SensorInput> input_;
   std::unique_ptr<VelocityStream<models::kJoints>> stream_;
   Vector7 q_min_, q_max_;  // rad
-  Reference goal_;         // where it began
 };
 
 // The same of EE, along and about the axes of O.
-class StreamCartesianVelocity : public TrajectoryGenerator {
+class StreamCartesianVelocity : public Stream {
  public:
   using Parameters = StreamJointVelocity::Parameters;
 
@@ -49,20 +43,14 @@ class StreamCartesianVelocity : public TrajectoryGenerator {
   StreamCartesianVelocity(const Parameters& parameters, const models::Limits& limits);
   ~StreamCartesianVelocity() override;
 
-  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
   Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
-  const Reference& goal() const noexcept override { return goal_; }
-  double duration() const noexcept override { return 0; }
-  double stretch() const noexcept override { return 1; }
 
  private:
-  std::shared_ptr<SensorInput> input_;
   std::unique_ptr<VelocityStream<6>> stream_;
   double time_ = 0;                        // s, of the last step
   Eigen::Quaterniond orientation_{1, 0, 0, 0};
-  Reference goal_;                         // where it began
 };
 
 }  // namespace realtime
