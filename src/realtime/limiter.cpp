@@ -53,7 +53,6 @@ constexpr double kMismatch = 0.05;  // of a limit, between the derivatives that 
 constexpr double kStuckWay = 1e-3;  // rad, m that is no way made
 constexpr int kStuckCycles = 500;
 constexpr double kWayStep = 0.015;  // rad, m between the places of a way to rest, at most where there are enough of them
-constexpr double kStateRounding = 3e-7;  // rad, m: of positions in a state, float32 up to 4
 
 // Of one coordinate: the step to the next output, and velocity and acceleration at its end.
 struct Step {
@@ -892,22 +891,19 @@ void Limiter::coast(double dt, Reference& out) noexcept {
 }
 
 // The loss of one output is often less than the rounding; that of the next shows both.
-bool Limiter::reconcile(const Reference& robots, double dt, Reference& out) noexcept {
+bool Limiter::reconcile(const Reference& robots, double rounding, double dt, Reference& out) noexcept {
   Impl& m = *impl_;
   Motion lost = m.before;
   lost.coast(m.motion, dt);
-  double error = lost.distance(robots);
   if (m.in_doubt) {
     m.doubt.coast(m.motion, dt);
-    if (const double other = m.doubt.distance(robots); other < error) {
-      lost = m.doubt;
-      error = other;
-    }
+    if (m.doubt.distance(robots) < lost.distance(robots)) lost = m.doubt;
   }
-  const bool certain = m.distance(robots) > error + kStateRounding;
-  m.in_doubt = !certain && error < kStateRounding;
+  const double error = lost.distance(robots);
+  const bool certain = m.distance(robots) > error + rounding, possible = error < rounding;
+  m.in_doubt = possible && !certain;
   m.doubt = lost;
-  if (!certain || error >= kStateRounding) return false;
+  if (!possible || !certain) return false;
   static_cast<Motion&>(m) = lost;
   m.write(m.motion, out);
   m.last = out;

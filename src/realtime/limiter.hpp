@@ -62,9 +62,9 @@ class Limiter {
   void coast(double dt, Reference& out) noexcept;
 
   // Outputs may never have come to the robot, which then went on as for coast(). `robots`: the positions of its reference one
-  // cycle after the last output, rounded to float32. True when the last one, or more of those before it, did not come; `out`
-  // is then where the robot is.
-  bool reconcile(const Reference& robots, double dt, Reference& out) noexcept;
+  // cycle after the last output, off by at most `rounding`, rad and m. True when the last one, or more of those before it, did not
+  // come; `out` is then where the robot is.
+  bool reconcile(const Reference& robots, double rounding, double dt, Reference& out) noexcept;
 
   // The last output.
   const Reference& last() const noexcept;

@@ -4,6 +4,7 @@
 #include "realtime/limiter.hpp"
 #include "realtime/tick.hpp"
 #include "robot/mode.hpp"
+#include "wire/fci/layout.hpp"
 #include "wire/fci/robot_command.hpp"
 
 namespace realtime {
@@ -33,7 +34,7 @@ class RobotController {
   virtual int pass(int ticks, Limiter& limiter, Reference& reference) const noexcept = 0;
 
   // Commands did not come to the robot, although states came: then moves `reference` to where the robot has it.
-  virtual bool reconcile(const fci::RobotState& state, Limiter& limiter, Reference& reference) const noexcept = 0;
+  virtual bool reconcile(const fci::RobotState& state, fci::Version version, Limiter& limiter, Reference& reference) const noexcept = 0;
 
   // The finish flag would find the arm at rest, once the reference is: finishing while it moves is a reflex.
   virtual bool may_finish(const Cycle& cycle) const noexcept = 0;
