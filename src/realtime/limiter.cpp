@@ -171,6 +171,14 @@ struct Motion {
                     2 * (orientation.conjugate() * from.cartesian.orientation).vec().cwiseAbs().maxCoeff());
   }
 
+  // From velocities too, rad/s or m/s: a lost output shows there first.
+  double difference(const Reference& from) const {
+    double most = distance(from);
+    if (from.motion != Channels::kJoint) return std::max(most, (twist(translation.v, rotation.v) - from.cartesian.velocity).cwiseAbs().maxCoeff());
+    for (int i = 0; i < kJoints; ++i) most = std::max(most, std::abs(joints[i].v - from.joint.dq[i]));
+    return most;
+  }
+
   void write(JointReference& out) const {
     for (int i = 0; i < kJoints; ++i) {
       out.q[i] = joints[i].q;
@@ -886,21 +894,29 @@ std::size_t Limiter::way_to_rest(std::span<Vector6> out) const noexcept {
 void Limiter::coast(double dt, Reference& out) noexcept {
   Impl& m = *impl_;
   m.coast(m.motion, dt);
+  if (m.in_doubt) m.doubt.coast(m.motion, dt);
   m.write(m.motion, out);
   m.last = out;
 }
 
 // The loss of one output is often less than the rounding; that of the next shows both.
-bool Limiter::reconcile(const Reference& robots, double rounding, double dt, Reference& out) noexcept {
+bool Limiter::reconcile(const Reference& robots, int cycles, double rounding, double dt, Reference& out) noexcept {
   Impl& m = *impl_;
+  const auto error_of = [&](Motion each) {
+    for (int n = 1; n < cycles; ++n) each.coast(m.motion, dt);
+    return each.difference(robots);
+  };
   Motion lost = m.before;
   lost.coast(m.motion, dt);
+  double error = error_of(lost);
   if (m.in_doubt) {
     m.doubt.coast(m.motion, dt);
-    if (m.doubt.distance(robots) < lost.distance(robots)) lost = m.doubt;
+    if (const double other = error_of(m.doubt); other < error) {
+      lost = m.doubt;
+      error = other;
+    }
   }
-  const double error = lost.distance(robots);
-  const bool certain = m.distance(robots) > error + rounding, possible = error < rounding;
+  const bool certain = error_of(m) > error + rounding, possible = error < rounding;
   m.in_doubt = possible && !certain;
   m.doubt = lost;
   if (!possible || !certain) return false;

@@ -61,10 +61,11 @@ class Limiter {
   // this; `out` is where the robot now is.
   void coast(double dt, Reference& out) noexcept;
 
-  // Outputs may never have come to the robot, which then went on as for coast(). `robots`: the positions of its reference one
-  // cycle after the last output, off by at most `rounding`, rad and m. True when the last one, or more of those before it, did not
-  // come; `out` is then where the robot is.
-  bool reconcile(const Reference& robots, double rounding, double dt, Reference& out) noexcept;
+  // Outputs may never have come to the robot, which then went on as for coast(). `robots`: its reference so many cycles (>= 1)
+  // after the last output, for all but one of which coast() is still to come: positions, and velocities, which are backward
+  // differences; each off by at most `rounding`, rad, m and rad/s. True when the last output, or more of those before it,
+  // did not come; `out` is then where the robot was one cycle after the last.
+  bool reconcile(const Reference& robots, int cycles, double rounding, double dt, Reference& out) noexcept;
 
   // The last output.
   const Reference& last() const noexcept;

@@ -735,7 +735,7 @@ bool Loop::robot_matches() const noexcept {
 
 // Whether commands did not come to the robot, which made up for them: then the reference goes on from where it is.
 bool Loop::commands_were_lost() noexcept {
-  return sent_ && ticks_ == 1 && robot_->reconcile(state_, driver_.version(), gate_.limiter(), reference_);
+  return sent_ && robot_->reconcile(state_, driver_.version(), static_cast<int>(ticks_), gate_.limiter(), reference_);
 }
 
 bool Loop::in_motion() const noexcept {

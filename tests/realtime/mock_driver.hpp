@@ -326,6 +326,7 @@ class MockRobot : public robot::Driver {
     Eigen::Matrix4d::Map(state.O_T_EE.data()) = T;
     Eigen::Matrix4d::Map(state.O_T_EE_c.data()) = stale_pose && !commanded_once_ ? *stale_pose : T;
     Eigen::Matrix4d::Map(state.O_T_EE_d.data()) = T;
+    realtime::Vector6::Map(state.O_dP_EE_c.data()) << linear_.v, angular_.v;
     state.motion_generator_mode = in_motion_ ? moved.generator : fci::MotionGeneratorMode::kIdle;
     state.controller_mode = in_motion_ ? moved.controller : fci::ControllerMode::kJointImpedance;
     if (in_motion_) {

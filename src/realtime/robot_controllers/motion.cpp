@@ -5,8 +5,7 @@
 namespace realtime::robot_controllers {
 namespace {
 
-// By how much positions of a state may be beside what was commanded, rad and m: float32 up to 4, and arithmetic on the robot's
-// side.
+// By how much a state may be beside what was commanded, rad, m and rad/s: float32 up to 4, and arithmetic on the robot's side.
 constexpr double kFloat = 3e-7, kDouble = 1e-9;
 
 }  // namespace
@@ -16,15 +15,18 @@ int Motion::pass(int ticks, Limiter& limiter, Reference& reference) const noexce
   return 1;
 }
 
-bool Motion::reconcile(const fci::RobotState& state, fci::Version version, Limiter& limiter, Reference& reference) const noexcept {
+bool Motion::reconcile(const fci::RobotState& state, fci::Version version, int ticks, Limiter& limiter,
+                       Reference& reference) const noexcept {
   if (state.control_command_success_rate >= 1) return false;
   Reference robots;
   robots.motion = reference.motion;
   robots.joint.q = Vector7::Map(state.q_d.data());
+  robots.joint.dq = Vector7::Map(state.dq_d.data());
   const Eigen::Isometry3d O_T_EE_c = pose(state.O_T_EE_c);
   robots.cartesian.position = O_T_EE_c.translation();
   robots.cartesian.orientation = Eigen::Quaterniond(O_T_EE_c.linear());
-  return limiter.reconcile(robots, version >= fci::kFloatStateVersion ? kFloat : kDouble, kTick, reference);
+  robots.cartesian.velocity = Vector6::Map(state.O_dP_EE_c.data());
+  return limiter.reconcile(robots, ticks, version >= fci::kFloatStateVersion ? kFloat : kDouble, kTick, reference);
 }
 
 }  // namespace realtime::robot_controllers

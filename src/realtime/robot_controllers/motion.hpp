@@ -11,7 +11,7 @@ class Motion : public RobotController {
   bool takes_torque() const noexcept override { return false; }
   bool has_reference() const noexcept override { return true; }
   int pass(int ticks, Limiter& limiter, Reference& reference) const noexcept override;
-  bool reconcile(const fci::RobotState& state, fci::Version version, Limiter& limiter, Reference& reference) const noexcept override;
+  bool reconcile(const fci::RobotState& state, fci::Version version, int ticks, Limiter& limiter, Reference& reference) const noexcept override;
   bool may_finish(const Cycle&) const noexcept override { return true; }
 };
 

@@ -33,8 +33,10 @@ class RobotController {
   // how many steps of a trajectory this cycle is worth.
   virtual int pass(int ticks, Limiter& limiter, Reference& reference) const noexcept = 0;
 
-  // Commands did not come to the robot, although states came: then moves `reference` to where the robot has it.
-  virtual bool reconcile(const fci::RobotState& state, fci::Version version, Limiter& limiter, Reference& reference) const noexcept = 0;
+  // Commands before those `ticks` did not come to the robot: then moves `reference` to where the robot had it one cycle after the
+  // last command, from where pass() goes on.
+  virtual bool reconcile(const fci::RobotState& state, fci::Version version, int ticks, Limiter& limiter,
+                         Reference& reference) const noexcept = 0;
 
   // The finish flag would find the arm at rest, once the reference is: finishing while it moves is a reflex.
   virtual bool may_finish(const Cycle& cycle) const noexcept = 0;

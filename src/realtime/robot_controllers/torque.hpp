@@ -17,7 +17,7 @@ class Torque : public RobotController {
   Reference start(const Cycle& cycle, Channels motion, Model& model) const noexcept override;
   // What only a controller of ours follows has gone where the trajectory led it.
   int pass(int ticks, Limiter&, Reference&) const noexcept override { return std::min(ticks, kMostSteps); }
-  bool reconcile(const fci::RobotState&, fci::Version, Limiter&, Reference&) const noexcept override { return false; }
+  bool reconcile(const fci::RobotState&, fci::Version, int, Limiter&, Reference&) const noexcept override { return false; }
   bool may_finish(const Cycle& cycle) const noexcept override { return cycle.dq.cwiseAbs().maxCoeff() < kSlow; }
   void write(const Reference&, const Reference&, const Vector7& tau_J_d, fci::RobotCommand& command) const noexcept override {
     Vector7::Map(command.tau_J_d.data()) = tau_J_d;
