@@ -127,6 +127,11 @@ def test_boxes_meet_where_they_have_a_point_in_common():
     assert min(found.values()) > 50
 
 
+def test_collision_thresholds_are_those_published():
+    assert FC.DEFAULT_UPPER_TORQUE_THRESHOLDS_ACCEL[:4] == [120, 120, 120, 118]
+    assert FC.DEFAULT_UPPER_TORQUE_THRESHOLDS_NOMINAL[:4] == [120, 120, 118, 118]
+
+
 def test_the_arm_as_boxes():
     fa = FrankaArm(offline=True)
     tool = fa.get_links_transforms(HOME)[-1][:3, 3]

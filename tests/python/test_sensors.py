@@ -37,10 +37,10 @@ HOME = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 NEAR = HOME + [0.1, -0.1, 0.1, 0.1, -0.1, 0.1, 0.1]
 
 
-def wait_for(condition, longest=30.0):
+def wait_for(fa, condition, longest=30.0):
     until = time.monotonic() + longest
     while not condition():
-        assert time.monotonic() < until, "it has not come"
+        assert time.monotonic() < until, f"it has not come; {fa.get_arm_state()}\n{fa.topics()}\nbefore: {fa.last_skill_result}"
         time.sleep(0.005)
 
 
@@ -52,9 +52,9 @@ def test_joints_that_are_published_are_gone_to(fa, controller):
     fa.run(StreamJoint("goal", delay=0, timeout=0), controller, Never(), block=False)
     with fa.publisher("goal") as publisher:
         publisher.publish(proto.JointPositionSensorMessage(id=1, timestamp=0, joints=NEAR))
-        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
         publisher.publish(proto.JointPositionVelocitySensorMessage(joints=HOME, joint_vels=[0] * 7))
-        wait_for(lambda: np.abs(fa.get_joints() - HOME).max() < 0.01)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() < 0.01)
     fa.stop_skill()
     assert fa.last_skill_result.ending == proto.STOPPED
 
@@ -66,7 +66,7 @@ def test_poses_that_are_published_are_gone_to(fa, controller):
     fa.run(StreamPose("pose", delay=0, timeout=0), controller, Never(), block=False)
     with fa.publisher("pose") as publisher:
         publisher.publish(proto.PosePositionSensorMessage(position=goal.translation, quaternion=goal.quaternion))
-        wait_for(lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - goal.translation).max() < 0.005)
+        wait_for(fa, lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - goal.translation).max() < 0.005)
     fa.stop_skill()
 
 
@@ -79,8 +79,8 @@ def test_velocities_that_are_published_are_kept_until_they_cease(fa):
         fa.run(trajectory, InternalImpedance(), Never(), block=False)
         with fa.publisher("speed") as publisher:
             publisher.publish(message)
-            wait_for(lambda: np.abs(fa.get_joints() - HOME).max() > 0.03)
-        wait_for(lambda: np.abs(fa.get_joint_velocities()).max() < 1e-4)
+            wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 0.03)
+        wait_for(fa, lambda: np.abs(fa.get_joint_velocities()).max() < 1e-4)
         assert not fa.is_skill_done()
         fa.stop_skill()
 
@@ -91,9 +91,9 @@ def test_a_stream_and_a_chunk_move_the_arm_until_a_message_ends_it(fa):
         for i in range(20):
             publisher.publish(proto.JointPositionSensorMessage(joints=HOME + 0.1 * np.sin(0.4 * i)))
             time.sleep(0.01)
-        wait_for(lambda: np.abs(fa.get_joints() - HOME).max() > 0.01)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 0.01)
         publisher.publish(proto.JointChunk(times=[0.05, 0.1, 0.15], joints=np.tile(NEAR, 3)))
-        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
         end.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
         fa.wait_for_skill()
     assert fa.last_skill_result.ending == proto.TERMINATED
@@ -105,7 +105,7 @@ def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
     with fa.publisher(FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC) as publisher:
         fa.goto_joints(HOME, dynamic=True, buffer_time=1000)
         publisher.publish(proto.JointPositionSensorMessage(joints=NEAR))
-        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
         publisher.publish(end)
         fa.wait_for_skill()
         assert fa.last_skill_result.termination == "SensorSays"
@@ -114,12 +114,12 @@ def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
         fa.goto_pose(pose, dynamic=True, buffer_time=1000)
         target = pose.translation + [0, 0, 0.05]
         publisher.publish(proto.PosePositionSensorMessage(position=target, quaternion=pose.quaternion))
-        wait_for(lambda: np.abs(fa.get_pose().translation - target).max() < 0.005)
+        wait_for(fa, lambda: np.abs(fa.get_pose().translation - target).max() < 0.005)
         fa.stop_skill()
 
         fa.execute_joint_velocities([0] * 7, [0] * 7, dynamic=True, buffer_time=1000)
         publisher.publish(proto.JointVelocitySensorMessage(joint_velocities=[0, 0, 0, 0, 0, 0, 0.3]))
-        wait_for(lambda: fa.get_joints()[6] > NEAR[6] + 0.02)
+        wait_for(fa, lambda: fa.get_joints()[6] > NEAR[6] + 0.02)
         publisher.publish(end)
         fa.wait_for_skill()
         assert fa.last_skill_result.termination == "SensorSays"
@@ -127,7 +127,7 @@ def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
         before = fa.get_pose().translation[2]
         fa.execute_cartesian_velocities([0] * 6, [0] * 6, dynamic=True, buffer_time=1000)
         publisher.publish(proto.CartesianVelocitySensorMessage(cartesian_velocities=[0, 0, 0.1, 0, 0, 0]))
-        wait_for(lambda: fa.get_pose().translation[2] > before + 0.01)
+        wait_for(fa, lambda: fa.get_pose().translation[2] > before + 0.01)
         fa.stop_skill()
 
 
@@ -137,15 +137,15 @@ def test_torques_that_are_published_turn_a_joint_and_gains_hold_it(fa):
         before = fa.get_joints()
         last = [0] * 6 + [1]
         publisher.publish(proto.JointTorqueControllerSensorMessage(selection=last, joint_torques=[0] * 6 + [0.4]))
-        wait_for(lambda: fa.get_joints()[6] > before[6] + 0.1)
+        wait_for(fa, lambda: fa.get_joints()[6] > before[6] + 0.1)
         np.testing.assert_allclose(fa.get_joints()[:6], before[:6], atol=0.02)
         held = proto.JointTorqueControllerSensorMessage(selection=[0] * 7, joint_torques=[0] * 7)
         publisher.publish(held)  # back to where it was when it took over
-        wait_for(lambda: abs(fa.get_joints()[6] - before[6]) < 0.03)
+        wait_for(fa, lambda: abs(fa.get_joints()[6] - before[6]) < 0.03)
         unstable = proto.JointTorqueControllerSensorMessage(joint_torques=[0] * 7, k_gains=[3000] * 7, d_gains=[1] * 7)
         publisher.publish(unstable)
         topic = FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC
-        wait_for(lambda: "stiffness[" in fa.topics()[topic].why_refused)
+        wait_for(fa, lambda: "stiffness[" in fa.topics()[topic].why_refused)
         publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
         fa.wait_for_skill()
     assert fa.last_skill_result.termination == "SensorSays"
@@ -160,11 +160,11 @@ def test_poses_forces_and_gains_that_are_published_are_followed(fa):
         fa.run_dynamic_force_position(1000, position_kps_cart=[1500] * 3 + [100] * 3)
         pose.translation = pose.translation + [0.04, 0, 0]
         publisher.publish(message(pose))
-        wait_for(lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - pose.translation).max() < 0.005)
+        wait_for(fa, lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - pose.translation).max() < 0.005)
         up = pose.translation[2]
         publisher.publish(proto.ForcePositionControllerSensorMessage(selection=[1, 1, 0, 1, 1, 1]))
         publisher.publish(message(pose, [0, 0, 5, 0, 0, 0]))
-        wait_for(lambda: fa.get_pose(include_tool_offset=False).translation[2] > up + 0.02)  # there is nothing to push
+        wait_for(fa, lambda: fa.get_pose(include_tool_offset=False).translation[2] > up + 0.02)  # there is nothing to push
         publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
         fa.wait_for_skill()
     assert fa.last_skill_result.termination == "SensorSays"
@@ -174,7 +174,7 @@ def test_a_spring_becomes_stiffer_over_its_topic(fa):
     fa.run(StayPose(1000), CartesianImpedance(20, 50, topic="spring"), Never(), block=False)
     with fa.publisher("spring") as publisher:
         publisher.publish(proto.CartesianImpedanceSensorMessage(translational_stiffnesses=[1500] * 3, rotational_stiffnesses=[100] * 3))
-        wait_for(lambda: "spring" in fa.topics() and fa.topics()["spring"].received == 1)
+        wait_for(fa, lambda: "spring" in fa.topics() and fa.topics()["spring"].received == 1)
         with pytest.raises(FrankaArmArgumentError, match="translational_stiffnesses.* is 9000"):
             publisher.publish(
                 proto.CartesianImpedanceSensorMessage(translational_stiffnesses=[9000] * 3, rotational_stiffnesses=[50] * 3)
@@ -224,7 +224,7 @@ def test_what_makes_no_sense_is_refused_counted_and_named(fa, ideal_arm):
             envelope.message.Pack(message)
             publisher._socket.send(envelope.SerializeToString())
             refused.sequence += 1
-            wait_for(lambda: "strict" in fa.topics() and fa.topics()["strict"].refused > before)
+            wait_for(fa, lambda: "strict" in fa.topics() and fa.topics()["strict"].refused > before)
             assert says in fa.topics()["strict"].why_refused
 
         refused.sequence, refused.sent = 1, time.time_ns()
@@ -243,7 +243,7 @@ def test_what_makes_no_sense_is_refused_counted_and_named(fa, ideal_arm):
             publisher.publish("go")
         # It goes on, and what is right is taken still.
         publisher.publish(proto.JointPositionSensorMessage(joints=NEAR))
-        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
         topic = fa.topics()["strict"]
         assert topic.refused == 7
         assert topic.lost == 0
@@ -261,7 +261,7 @@ def test_lost_and_late_messages_are_counted(fa):
             envelope = proto.SensorMessage(topic="counted", publisher=1, sequence=sequence)
             envelope.message.Pack(proto.JointPositionSensorMessage(joints=HOME))
             publisher._socket.send(envelope.SerializeToString())
-        wait_for(lambda: "counted" in fa.topics() and fa.topics()["counted"].received == 5)
+        wait_for(fa, lambda: "counted" in fa.topics() and fa.topics()["counted"].received == 5)
         topic = fa.topics()["counted"]
         assert (topic.lost, topic.out_of_order) == (2, 1)
 
@@ -275,7 +275,7 @@ def test_a_flood_disturbs_nothing(fa):
                 publisher.publish(message)
             except FrankaArmException:
                 time.sleep(0.01)
-        wait_for(lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01, longest=60)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01, longest=60)
     fa.stop_skill()
     assert fa.last_skill_result.ending == proto.STOPPED
 
@@ -287,12 +287,12 @@ def test_a_running_skill_gets_other_gains_another_goal_and_another_end(fa):
     goal = fa.get_pose(include_tool_offset=False)
     goal.translation = goal.translation + [0.05, 0.05, -0.05]
     fa.run(StayPose(1000), CartesianImpedance(600, 50), Never(), block=False)
-    wait_for(lambda: fa.get_arm_state().phase == proto.RUNNING)
+    wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
     number = fa.get_arm_state().skill_id
     for stiffness in (100, 1500, 300, 1200):
         fa.change(controller=CartesianImpedance(stiffness, 50))
     fa.change(trajectory=MinJerkPose(goal, 1))
-    wait_for(lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - goal.translation).max() < 0.005)
+    wait_for(fa, lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - goal.translation).max() < 0.005)
     assert fa.get_arm_state().skill_id == number
     fa.change(until=Time(0.1))
     fa.wait_for_skill()
@@ -325,7 +325,7 @@ def test_a_change_that_does_not_fit_is_refused_and_the_skill_goes_on(fa):
 def test_a_skill_begins_at_its_start_time(fa):
     at = time.time() + 1
     fa.run(MinJerkJoint(NEAR, 1), start_time=at, block=False)
-    wait_for(lambda: fa.get_arm_state().phase == proto.RUNNING)
+    wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
     joints = fa.get_joints()
     if time.time() < at:  # this computer was quick enough
         np.testing.assert_allclose(joints, HOME, atol=1e-3)
