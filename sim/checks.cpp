@@ -14,6 +14,10 @@ using Mode = fci::MotionGeneratorMode;
 
 constexpr double kDt = 0.001;  // s
 
+// From system 5.7.2 on, errors 12 and 27 stay false: `joint_position_limits_violation` replaces them (libfranka's changelog,
+// 0.15.0).
+constexpr fci::Version kOneRangeErrorVersion = 9;
+
 // Not published by Franka; docs/simulated-arm.md has the reasons.
 constexpr double kStartJoint = 0.1;         // rad, between q_d and the first q_c
 constexpr double kStartTranslation = 0.05;  // m, between O_T_EE_c and the first pose
@@ -82,6 +86,9 @@ void Checks::set_version(fci::Version version) {
   const bool single = version >= fci::kFloatStateVersion;
   q_rounding_ = single ? 0x1p-23 : kDoubleRounding;
   p_rounding_ = single ? 0x1p-25 : kDoubleRounding;
+  const bool one_name = version >= kOneRangeErrorVersion;
+  joint_range_ = one_name ? Error::kJointPositionLimits : Error::kJointPositionLimitsCommanded;
+  cartesian_range_ = one_name ? Error::kJointPositionLimits : Error::kCartesianJointPositionLimits;
 }
 
 void Checks::start(const fci::Move& request, const ArmModel& at) {
@@ -100,7 +107,7 @@ bool Checks::cartesian() const {
 std::optional<Error> Checks::values(const fci::RobotCommand& command) const {
   switch (motion_.motion_generator_mode) {
     case Mode::kJointPosition:
-      if (!finite(command.q_c)) return Error::kJointPositionLimitsCommanded;
+      if (!finite(command.q_c)) return joint_range_;
       break;
     case Mode::kJointVelocity:
       if (!finite(command.dq_c)) return Error::kJointVelocityLimitsCommanded;
@@ -130,7 +137,7 @@ Errors Checks::target(const Vector7& q) const {
   Errors errors{};
   for (int i = 0; i < models::kJoints; ++i) {
     const bool inside = q[i] >= limits_->q_min[i] && q[i] <= limits_->q_max[i];
-    raise(errors, Error::kJointPositionLimitsCommanded,
+    raise(errors, joint_range_,
           !(inside && limits_->dq_upper(i, q[i]) > 0 && limits_->dq_lower(i, q[i]) < 0));
   }
   return errors;
@@ -178,7 +185,7 @@ Errors Checks::reference(const Desired& before, const Desired& after) const {
     if (fci::any(errors)) return errors;
   }
   const RateErrors& names = cartesian() ? kCartesianJointErrors : kJointErrors;
-  const Error position = cartesian() ? Error::kCartesianJointPositionLimits : Error::kJointPositionLimitsCommanded;
+  const Error position = cartesian() ? cartesian_range_ : joint_range_;
   for (int i = 0; i < models::kJoints; ++i) {
     const double q = after.q[i], dq = after.dq[i];
     // From beyond its range the way back is open.

@@ -73,6 +73,8 @@ class Checks {
   // What a state of float32 takes from positions: half a unit in the last place of angles up to 4 rad and of
   // coordinates up to 1 m. Commands that continue the state are off by as much. rad, m.
   double q_rounding_ = 0, p_rounding_ = 0;
+  // What commanded joints outside their range are called, in joint and in Cartesian motions.
+  fci::Error joint_range_{}, cartesian_range_{};
   fci::Move motion_;
   double distance_ = 0;  // m, of the cycle before
 };

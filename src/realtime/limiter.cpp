@@ -121,6 +121,11 @@ struct Joint {
   double q = 0, v = 0, a = 0;
   double velocity = 0, acceleration = 0;
   bool held = false;  // it has not caught up yet
+
+  bool rests() const {
+    return std::abs(v) <= kRestVelocity && std::abs(velocity) <= kRestVelocity && std::abs(a) <= kRestAcceleration &&
+           std::abs(acceleration) <= kRestAcceleration;
+  }
 };
 
 // Translation or rotation: as Joint, in the axes of O.
@@ -129,6 +134,11 @@ struct Part {
   Vector3 v = Vector3::Zero(), a = Vector3::Zero();
   Vector3 velocity = Vector3::Zero(), acceleration = Vector3::Zero();
   bool held = false;
+
+  bool rests() const {
+    return v.norm() <= kRestVelocity && velocity.norm() <= kRestVelocity && a.norm() <= kRestAcceleration &&
+           acceleration.norm() <= kRestAcceleration;
+  }
 };
 
 // All that an output is continued from.
@@ -847,13 +857,14 @@ bool Limiter::brake(double dt, Reference& out) noexcept {
     m.brake_steps(dt, steps);
     for (int i = 0; i < kJoints; ++i) {
       m.take(m.joints[i], m.joints[i].q + steps[i].delta, steps[i], dt);
-      m.joints[i].held = true;
+      m.joints[i].held = !m.joints[i].rests();  // from rest there is nothing to catch up with
     }
   } else {
-    m.translation.held = m.rotation.held = true;
     Impl::PartStep linear, angular;
     m.brake_steps(dt, linear, angular);
     m.move(linear, angular, dt);
+    m.translation.held = !m.translation.rests();
+    m.rotation.held = !m.rotation.rests();
   }
   m.write(m.motion, out);
   m.last = out;
@@ -932,17 +943,8 @@ bool Limiter::stuck() const noexcept { return impl_->stuck_cycles >= kStuckCycle
 
 bool Limiter::at_rest() const noexcept {
   const Impl& m = *impl_;
-  if (m.motion == Channels::kJoint) {
-    return std::all_of(m.joints.begin(), m.joints.end(), [](const Joint& joint) {
-      return std::abs(joint.v) <= kRestVelocity && std::abs(joint.velocity) <= kRestVelocity &&
-             std::abs(joint.a) <= kRestAcceleration && std::abs(joint.acceleration) <= kRestAcceleration;
-    });
-  }
-  const auto rests = [](const Part& part) {
-    return part.v.norm() <= kRestVelocity && part.velocity.norm() <= kRestVelocity &&
-           part.a.norm() <= kRestAcceleration && part.acceleration.norm() <= kRestAcceleration;
-  };
-  return rests(m.translation) && rests(m.rotation);
+  if (m.motion != Channels::kJoint) return m.translation.rests() && m.rotation.rests();
+  return std::all_of(m.joints.begin(), m.joints.end(), [](const Joint& joint) { return joint.rests(); });
 }
 
 TorqueLimiter::TorqueLimiter(const models::Limits& limits)

@@ -399,6 +399,34 @@ TEST_P(AnyArm, a_pose_reference_that_obeys_is_passed_on_unchanged) {
   }
 }
 
+// A motion that waits is braked in every cycle.
+TEST_P(AnyArm, what_leaves_a_rest_that_was_held_is_passed_on_at_once) {
+  for (const Channels motion : {Channels::kJoint, Channels::kPose}) {
+    Reference wanted;
+    wanted.motion = motion;
+    wanted.joint.q = (Vector7::Map(limits.q_min.data()) + Vector7::Map(limits.q_max.data())) / 2;
+    wanted.cartesian.position = Vector3(0.5, 0, 0.4);
+    realtime::Limiter limiter(limits);
+    limiter.reset(wanted);
+    Reference out = wanted;
+    for (int k = 0; k < 10; ++k) ASSERT_TRUE(limiter.brake(kDt, out));
+    for (int k = 1; k < 10; ++k) {  // a fifth of the jerk limit
+      const double t = k * kDt;
+      for (int i = 0; i < 7; ++i) {
+        const double J = limits.dddq_max[i] / 5;
+        wanted.joint.q[i] = out.joint.q[i] + J * (std::pow(t, 3) - std::pow(t - kDt, 3)) / 6;
+        wanted.joint.dq[i] = J * t * t / 2;
+        wanted.joint.ddq[i] = J * t;
+      }
+      const double J = limits.translation.jerk / 5;
+      wanted.cartesian.position[2] = 0.4 - J * std::pow(t, 3) / 6;
+      wanted.cartesian.velocity[2] = -J * t * t / 2;
+      wanted.cartesian.acceleration[2] = -J * t;
+      ASSERT_FALSE(limiter.follow(wanted, kDt, out)) << "cycle " << k;
+    }
+  }
+}
+
 TEST_P(AnyArm, after_a_step_it_catches_up_and_passes_on_again) {
   for (int trial = 0; trial < 10; ++trial) {
     const double step = uniform(-0.4, 0.4);

@@ -123,7 +123,7 @@ TEST_F(Asynchronous, RefusesTargetsOutsideTheRange) {
   goal[3] = limits.q_max[3] + 0.001;
   cycle(target(goal));
   EXPECT_EQ(rig.robot.outcome(), Status::kReflexAborted);
-  EXPECT_TRUE(rig.state().errors[static_cast<std::size_t>(Error::kJointPositionLimitsCommanded)]);
+  EXPECT_TRUE(rig.state().errors[static_cast<std::size_t>(Error::kJointPositionLimits)]);
 }
 
 TEST_F(Asynchronous, GoesAsNearToTheEndOfARangeAsTheEnvelopeLetsIt) {

@@ -290,7 +290,7 @@ TEST(Motion, ACommandThatIsNoneEndsIt) {
   };
   const auto kJoint = ControllerMode::kJointImpedance;
   const std::vector<Case> cases = {
-      {kJoint, Mode::kJointPosition, Error::kJointPositionLimitsCommanded, [=](auto& c) { c.q_c[3] = nan; }},
+      {kJoint, Mode::kJointPosition, Error::kJointPositionLimits, [=](auto& c) { c.q_c[3] = nan; }},
       {kJoint, Mode::kJointVelocity, Error::kJointVelocityLimitsCommanded, [=](auto& c) { c.dq_c[0] = HUGE_VAL; }},
       {kJoint, Mode::kCartesianPosition, Error::kCartesianInvalidFrame, [=](auto& c) { c.O_T_EE_c[0] = 2; }},
       {kJoint, Mode::kCartesianPosition, Error::kCartesianInvalidFrame, [=](auto& c) { c.O_T_EE_c[12] = nan; }},

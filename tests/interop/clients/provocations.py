@@ -141,8 +141,6 @@ def provocations(robot: str) -> list[Provocation]:
         Provocation("cartesian_reflex", "cartesian velocity", press, above_floor, thresholds=(1000.0, 10.0)),
         Provocation("joint_position_motion_generator_start_pose_invalid", "joint position",
                     lambda *at: same(*at) + joint(3, 0.2)),
-        Provocation("joint_motion_generator_position_limits_violation", "joint position",
-                    lambda *at: same(*at) + jump(at[2], joint(0, 4.0))),
         Provocation("joint_motion_generator_velocity_limits_violation", "joint velocity",
                     lambda *at: joint(0, ramp(3.0, 7, 3000, at[2]))),
         Provocation("joint_motion_generator_velocity_discontinuity", "joint velocity",
@@ -183,8 +181,10 @@ def provocations(robot: str) -> list[Provocation]:
         Provocation("joint_position_limits_violation", "torque",
                     TorqueRamp(lambda state, _: velocity_law(state, joint(6, 0.2))), near_end),
     ]  # fmt: skip
-    # FR3's velocity envelope closes before its joints' ranges end.
+    # FR3's systems from 5.7.2 on have one name for all joints out of range; and its velocity envelope closes before.
     fer_only = [
+        Provocation("joint_motion_generator_position_limits_violation", "joint position",
+                    lambda *at: same(*at) + jump(at[2], joint(0, 4.0))),
         Provocation("cartesian_motion_generator_joint_position_limits_violation", "cartesian velocity",
                     lambda *at: twist(5, ramp(0.2, 1, 500, at[2])), near_start),
     ]  # fmt: skip
