@@ -1077,7 +1077,8 @@ class FrankaArm:
         Args:
             trajectory: where the arm goes.
             controller: how it follows; None: the robot's own joint impedance.
-            until: what ends the skill, any of several; nothing: the end of the trajectory.
+            until: what ends the skill, any of several; nothing: the end of the trajectory. Of the result, `termination` is
+                the kind of the one that ended it, `termination_index` its place.
             robot_controller: what the robot is commanded in: "torque"; "joint_position", "joint_velocity",
                 "cartesian_pose" or "cartesian_velocity", which its own impedance follows; "torque_and_" any of these;
                 or "auto" for the first that fits.

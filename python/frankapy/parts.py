@@ -79,6 +79,23 @@ def robot_controllers(trajectory: str, controller: str) -> list[str]:
     return [f"torque_and_{motion}" for motion in motions] if reference == _RULE.POSES else []
 
 
+def check_fit(trajectory: Message, controller: Message, robot_controller: str = "auto") -> None:
+    """Raise FrankaArmArgumentError with what would fit when these parts do not run together; parts of plug-ins the server knows."""
+    known = {descriptor.full_name for _, descriptor in kinds()}
+    motion, law = trajectory.DESCRIPTOR, controller.DESCRIPTOR
+    if motion.full_name not in known or law.full_name not in known:
+        return
+    fitting = robot_controllers(motion.name, law.name)
+    if not fitting:
+        others = ", ".join(other.name for _, other in kinds("controller") if robot_controllers(motion.name, other.name))
+        raise FrankaArmArgumentError(f"{law.name} does not take what {motion.name} gives: use {others}, or another trajectory")
+    if robot_controller.lower() not in ("auto", *fitting):
+        raise FrankaArmArgumentError(
+            f"the robot controller {robot_controller.upper()} does not fit {law.name} with {motion.name}: "
+            f"use {', '.join(fitting).upper()}"
+        )
+
+
 def _kind_rule(name: str) -> rules_pb2.KindRule:
     return getattr(proto, name).DESCRIPTOR.GetOptions().Extensions[rules_pb2.kind]
 

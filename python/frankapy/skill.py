@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from google.protobuf.message import Message
 
-from frankapy import proto
+from frankapy import parts, proto
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.validation import number, validate
 
@@ -22,7 +22,7 @@ def make_skill(
 ) -> proto.Skill:
     """Put one trajectory, one controller and any number of terminations into a skill, after checking each.
 
-    Raises FrankaArmArgumentError which names the field that breaks its rule.
+    Raises FrankaArmArgumentError which names the field that breaks its rule, or what does not fit and what would.
     """
     for role, part in [("trajectory", trajectory), ("controller", controller), *(("until", end) for end in terminations)]:
         if not isinstance(part, Message):
@@ -32,6 +32,7 @@ def make_skill(
         raise FrankaArmArgumentError(
             f"robot_controller is {robot_controller!r}: expected one of {', '.join(names).lower()}"
         )
+    parts.check_fit(trajectory, controller, robot_controller)
     skill = proto.Skill(
         description=description,
         robot_controller=robot_controller.upper(),

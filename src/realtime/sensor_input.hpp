@@ -29,17 +29,19 @@ class SensorInput {
  public:
   // Which values make no sense for the part: empty when all do. Called in the server room.
   using Check = std::function<std::string(const SensorSample&)>;
+  // Whether a sample tells the part anything: one that does not takes no room. Called in the server room.
+  using Tells = bool (*)(const SensorSample&);
 
   // `messages`: the names of the kinds that it takes, of wire/proto/sensors.proto.
-  SensorInput(std::string topic, std::vector<std::string> messages, Check check = nullptr)
-      : topic_(std::move(topic)), messages_(std::move(messages)), check_(std::move(check)) {}
+  SensorInput(std::string topic, std::vector<std::string> messages, Check check = nullptr, Tells tells = nullptr)
+      : topic_(std::move(topic)), messages_(std::move(messages)), check_(std::move(check)), tells_(tells) {}
 
   const std::string& topic() const { return topic_; }
   const std::vector<std::string>& messages() const { return messages_; }
   std::string check(const SensorSample& sample) const { return check_ ? check_(sample) : ""; }
 
   // False when the loop is too far behind.
-  bool put(const SensorSample& sample) noexcept { return queue_.push(sample); }
+  bool put(const SensorSample& sample) noexcept { return (tells_ != nullptr && !tells_(sample)) || queue_.push(sample); }
   // The oldest that was not taken yet, or null; release() gives it up.
   const SensorSample* next() const noexcept { return queue_.front(); }
   void release() noexcept { queue_.pop(); }
@@ -58,6 +60,7 @@ class SensorInput {
   std::string topic_;
   std::vector<std::string> messages_;
   Check check_;
+  Tells tells_;
   bridge::Queue<SensorSample> queue_{256};
 };
 

@@ -21,8 +21,10 @@ constexpr std::size_t kMaxTopics = 256;
 constexpr std::size_t kMaxPublishers = 64;     // of one topic
 constexpr std::size_t kMaxTopicName = 256;     // bytes
 constexpr auto kWait = std::chrono::milliseconds(50);
+constexpr const char* kTermination = "ShouldTerminateSensorMessage";
 constexpr std::int64_t kTellLostPeriod = 1'000'000'000;    // ns
 constexpr std::int64_t kFuture = 1'000'000'000;  // ns
+constexpr int kLeaps = 10;  // messages from the future after which the publisher's clock has been set
 
 }  // namespace
 
@@ -41,9 +43,9 @@ SensorHub::~SensorHub() {
   thread_.join();
 }
 
-void SensorHub::bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs) {
+void SensorHub::bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs, bool queued) {
   const std::lock_guard lock(mutex_);
-  for (auto& input : inputs) listeners_.push_back({skill, std::move(input)});
+  for (auto& input : inputs) listeners_.push_back({skill, std::move(input), queued});
 }
 
 void SensorHub::release(std::uint64_t skill) {
@@ -125,7 +127,11 @@ void SensorHub::take(const zmq::message_t& frame) {
     if (!is_new) topic.told.set_lost(topic.told.lost() + message.sequence() - from.sequence - 1);
     from.sequence = message.sequence();
   }
-  if (message.has_sent_ns() && ahead - from.ahead_ns > kFuture) {
+  const bool leaps = message.has_sent_ns() && ahead - from.ahead_ns > kFuture;
+  from.leaps = leaps ? from.leaps + 1 : 0;
+  if (from.leaps > kLeaps) {
+    from.ahead_ns = ahead;
+  } else if (leaps && topic.told.message() != kTermination) {  // an end is an end at any time
     return refuse(topic, fmt::format("its time stamp is {:.3f} s in the future of those before",
                                      1e-9 * static_cast<double>(ahead - from.ahead_ns)));
   }
@@ -140,7 +146,7 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message) {
   try {
     for (const Listener& listener : listeners_) {
       realtime::SensorInput& input = *listener.input;
-      if (input.topic() != message.topic()) continue;
+      if (input.topic() != message.topic() || waits(listener)) continue;
       heard = true;
       const auto& messages = input.messages();
       const auto found = std::find(messages.begin(), messages.end(), kind);
@@ -164,6 +170,13 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message) {
     return refuse(topic, invalid.what());
   }
   if (heard && !taken) refuse(topic, fmt::format("it is {}: expected {}", kind, expected));
+}
+
+// Until the skills before its own have ended.
+bool SensorHub::waits(const Listener& listener) const {
+  return listener.queued && std::any_of(listeners_.begin(), listeners_.end(), [&](const Listener& other) {
+           return other.skill < listener.skill && other.input->topic() == listener.input->topic();
+         });
 }
 
 void SensorHub::refuse(Topic& topic, const std::string& why) {

@@ -30,8 +30,9 @@ class SensorHub {
 
   const std::string& endpoint() const { return endpoint_; }
 
-  // From now on, until release(), messages get into these inputs of a skill.
-  void bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs);
+  // From now on, until release(), messages get into these inputs of a skill; into those of one that is queued only while no
+  // skill before it listens to their topic.
+  void bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs, bool queued);
   void release(std::uint64_t skill);
 
   // What came over each topic so far.
@@ -44,10 +45,12 @@ class SensorHub {
   struct Listener {
     std::uint64_t skill;
     std::shared_ptr<realtime::SensorInput> input;
+    bool queued;
   };
   struct Publisher {
     std::uint64_t sequence = 0;
     std::int64_t ahead_ns = 0;  // of its clock before ours, when its first message came
+    int leaps = 0;              // messages in a row whose clock is far before that
   };
   struct Topic {
     frankapy::proto::Topics::Topic told;
@@ -58,6 +61,7 @@ class SensorHub {
   void run();
   void take(const zmq::message_t& frame);
   void deliver(Topic& topic, const frankapy::proto::SensorMessage& message);
+  bool waits(const Listener& listener) const;
   void refuse(Topic& topic, const std::string& why);
   void count_garbage(const std::string& what);
 

@@ -454,7 +454,7 @@ void Transport::begin_skill(Build& build) {
                   skill->settings};
   if (!before.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
-  sensors_.bind(id, sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations));
+  sensors_.bind(id, sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations), before.queued);
   std::unique_ptr<realtime::Skill> unread;
   if (before.queued) {
     queue_.push_back(std::move(skill));
@@ -532,7 +532,7 @@ void Transport::begin_change(Build& build) {
     parts->terminations = std::move(skill.terminations);
     parts->changes_terminations = true;
   }
-  sensors_.bind(change.skill_id(), changing_->inputs);
+  sensors_.bind(change.skill_id(), changing_->inputs, false);
   door_.change.put(std::move(parts));
 }
 
@@ -711,6 +711,7 @@ void Transport::end_skill(const realtime::SkillResult& result) {
   const auto& terminations = running->second.terminations;
   if (result.termination >= 0 && result.termination < static_cast<int>(terminations.size())) {
     out.set_termination(terminations[result.termination]);
+    out.set_termination_index(result.termination);
   }
   if (result.wall != 0) out.set_wall(walls_.name(result.wall));
   if (out.ending() == proto::TERMINATED && (out.termination().empty() || out.termination() == "Time")) {
@@ -723,6 +724,7 @@ void Transport::end_skill(const realtime::SkillResult& result) {
     *out.mutable_last_state() = publisher_.state(*newest);
   }
   if (!out.message().empty()) spdlog::warn("skill {}: {}", result.skill_id, out.message());
+  sensors_.release(result.skill_id);  // what is published by who then knows of the end is for the next
   send(running->second.starter, reply);
   if (result.ending == realtime::Ending::kComponentFault) recorder_.keep("component-fault");
   proto::SkillEvent event;
@@ -732,7 +734,6 @@ void Transport::end_skill(const realtime::SkillResult& result) {
   results_[result.skill_id] = std::move(*reply.mutable_skill_result());
   if (results_.size() > kMaxResults) results_.erase(results_.begin());
   running_.erase(running);
-  sensors_.release(result.skill_id);
   if (result.ending != realtime::Ending::kTerminated && !queue_.empty() && queue_.front()->after == result.skill_id) {
     cancel_queue(realtime::Ending::kCancelled);
   }

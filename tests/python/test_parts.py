@@ -225,7 +225,10 @@ def test_combinations_that_fit_move_the_arm_as_told(start, robot):
             moves_as_told(arm, fa, *each)
 
 
-def test_what_does_not_fit_is_refused_with_what_would(ideal_arm):
+@pytest.mark.parametrize("by", ["client", "server"])
+def test_what_does_not_fit_is_refused_with_what_would(ideal_arm, by, monkeypatch):
+    if by == "server":
+        monkeypatch.setattr(parts, "check_fit", lambda *_: None)
     with ideal_arm.client() as fa:
         fa.run(MinJerkJoint(HOME, 1))  # where samples begin
         goal = fa.get_pose(include_tool_offset=False)
@@ -268,6 +271,13 @@ def test_the_result_says_what_ended_it(ideal_arm, until, kind, earliest, latest)
         result = ending(fa, until)
         assert (result.ending, result.termination) == (proto.TERMINATED, kind)
         assert earliest <= result.time <= latest
+
+
+def test_the_result_says_which_of_a_kind_ended_it(ideal_arm):
+    with ideal_arm.client() as fa:
+        fa.run(MinJerkJoint(HOME, 1))
+        assert ending(fa, AnyOf(Time(3), Time(0.4), Moved(1))).termination_index == 1
+        assert ending(fa, [Moved(1), Time(3), Time(0.4)]).termination_index == 2
 
 
 def test_a_box_that_is_left_ends_the_skill(ideal_arm):

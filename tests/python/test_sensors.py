@@ -211,6 +211,59 @@ def test_what_a_script_publishes_right_before_it_exits_arrives(fa, ideal_arm):
     assert fa.last_skill_result.termination == "SensorSays"
 
 
+END = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True)
+GO_ON = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=False)
+
+
+def test_a_message_is_for_the_first_skill_that_listens(fa):
+    with fa.publisher("shared") as publisher, fa.sequence() as results:
+        for _ in range(2):
+            fa.run(StayJoint(1), InternalImpedance(), SensorSays("shared"))
+        wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING and len(fa.topics()["shared"].skills) == 2
+                 if "shared" in fa.topics() else publisher.publish(GO_ON))  # fmt: skip
+        first = fa.get_arm_state().skill_id
+        publisher.publish(END)
+        wait_for(fa, lambda: fa.get_arm_state().skill_id > first and fa.get_arm_state().skill_time > 1)
+        publisher.publish(END)
+    assert [result.termination for result in results] == ["SensorSays"] * 2
+    assert results[1].time > 1
+
+
+def test_an_end_is_heard_among_any_number_of_messages(fa):
+    # Until it starts it hears nothing.
+    fa.run(StayJoint(1), InternalImpedance(), SensorSays("busy"), block=False, start_time=time.time() + 2)
+    with fa.publisher("busy") as publisher:
+        for _ in range(2000):
+            publisher.publish(GO_ON)
+        publisher.publish(END)
+        wait_for(fa, lambda: "busy" in fa.topics() and fa.topics()["busy"].received == 2001)
+        assert fa.topics()["busy"].overrun == 0
+    fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "SensorSays"
+
+
+def test_a_clock_that_is_set_forward_is_believed_in_the_end(fa):
+    fa.run(StreamJoint("set", delay=0), InternalImpedance(), SensorSays("over"), block=False)
+
+    def publish(publisher, message, sequence, later):
+        envelope = proto.SensorMessage(
+            topic=publisher.topic, publisher=7, sequence=sequence, sent_ns=time.time_ns() + round(later * 1e9)
+        )
+        envelope.message.Pack(message)
+        publisher._socket.send(envelope.SerializeToString())
+
+    with fa.publisher("set") as publisher, fa.publisher("over") as over:
+        publish(publisher, proto.JointPositionSensorMessage(joints=HOME), 1, 0)
+        for i in range(12):
+            publish(publisher, proto.JointPositionSensorMessage(joints=NEAR), 2 + i, 3600)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        assert fa.topics()["set"].refused == 10
+        publish(over, GO_ON, 1, 0)
+        publish(over, END, 2, 3600)
+        fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "SensorSays"
+
+
 # --- what is refused -------------------------------------------------------------------------------------------------
 
 
