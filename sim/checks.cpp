@@ -79,7 +79,7 @@ bool beyond(const fci::Deviation& most, const Eigen::Matrix4d& pose, double q3, 
 
 }  // namespace
 
-Checks::Checks(const models::Arm& arm) : arm_(arm), self_(arm) { set_version(fci::kNewestVersion); }
+Checks::Checks(const models::Arm& arm) : arm_(arm), self_(arm), walls_(arm) { set_version(fci::kNewestVersion); }
 
 void Checks::set_version(fci::Version version) {
   limits_ = &models::limits(arm_, version);
@@ -94,6 +94,7 @@ void Checks::set_version(fci::Version version) {
 void Checks::start(const fci::Move& request, const ArmModel& at) {
   motion_ = request;
   distance_ = self_.distance(at, models::kCapsuleMargin);
+  wall_distance_ = walls_.distance(at);
 }
 
 bool Checks::joints() const {
@@ -264,11 +265,14 @@ bool Checks::leaves_range(const Vector7& q, const Vector7& dq) const {
   return false;
 }
 
-Errors Checks::self_collision(const ArmModel& at) {
+Errors Checks::collision(const ArmModel& at) {
   Errors errors{};
   const double distance = self_.distance(at, models::kCapsuleMargin);
   raise(errors, Error::kSelfCollisionAvoidance, distance < models::kCapsuleMargin && distance < distance_ - kClosingIn);
   distance_ = distance;
+  const double wall_distance = walls_.distance(at);
+  raise(errors, Error::kCartesianPositionLimits, wall_distance < 0 && wall_distance < wall_distance_ - kClosingIn);
+  wall_distance_ = wall_distance;
   return errors;
 }
 

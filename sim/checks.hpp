@@ -5,6 +5,7 @@
 #include "models/arm.hpp"
 #include "sim/motion_generator.hpp"
 #include "sim/self_collision.hpp"
+#include "sim/virtual_walls.hpp"
 #include "wire/fci/robot_command.hpp"
 #include "wire/fci/service.hpp"
 
@@ -26,7 +27,7 @@ class Checks {
   void set_version(fci::Version version);
   const models::Limits& limits() const { return *limits_; }
 
-  // A motion begins, at this distance from self-collision.
+  // A motion begins, at this distance from itself and from walls.
   void start(const fci::Move& request, const ArmModel& at);
 
   // A command that is no command: NaN or infinite, or a pose that is no transform. Only what the motion uses is looked
@@ -59,8 +60,11 @@ class Checks {
   bool inside_range(const Vector7& q) const;
   // A joint is farther out than that, and goes on.
   bool leaves_range(const Vector7& q, const Vector7& dq) const;
-  // Nearer to itself than it may be, and closing in. To be called every cycle of a motion.
-  fci::Errors self_collision(const ArmModel& at);
+  // Nearer to itself than it may be, or inside a virtual wall, and closing in. To be called every cycle of a motion.
+  fci::Errors collision(const ArmModel& at);
+
+  VirtualWalls& walls() { return walls_; }
+  const VirtualWalls& walls() const { return walls_; }
 
  private:
   bool joints() const;
@@ -69,6 +73,7 @@ class Checks {
 
   models::Arm arm_;
   SelfCollision self_;
+  VirtualWalls walls_;
   const models::Limits* limits_;
   // What a state of float32 takes from positions: half a unit in the last place of angles up to 4 rad and of
   // coordinates up to 1 m. Commands that continue the state are off by as much. rad, m.
@@ -76,7 +81,7 @@ class Checks {
   // What commanded joints outside their range are called, in joint and in Cartesian motions.
   fci::Error joint_range_{}, cartesian_range_{};
   fci::Move motion_;
-  double distance_ = 0;  // m, of the cycle before
+  double distance_ = 0, wall_distance_ = 0;  // m, of the cycle before
 };
 
 }  // namespace sim

@@ -455,7 +455,7 @@ void Robot::sense(const Truth& truth) {
   }
   if (phase_ == Phase::kMoving) {
     reflex(checks_.arm(model_, F_T_EE_, sensors_.q, sensors_.dq, sensors_.tau_J, tau_motor_, desired_));
-    reflex(checks_.self_collision(external() ? model_ : generator_.model()));
+    reflex(checks_.collision(external() ? model_ : generator_.model()));
   }
   report();
 }

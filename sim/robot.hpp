@@ -71,6 +71,9 @@ class Robot {
   void lock(bool locked);
   // The guiding buttons at the hand. They take effect while the user stop is pressed, as on the robot.
   void guide(bool pressed);
+  // What is set up in the robot's own user interface: cuboids that the arm must not enter, by a number of theirs.
+  void set_virtual_wall(int id, const VirtualWall& wall) { checks_.walls().set(id, wall); }
+  VirtualWall virtual_wall(int id) const { return checks_.walls().get(id); }
   // Raises an error as if there were reason to.
   void inject(fci::Error error);
 

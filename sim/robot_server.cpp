@@ -130,10 +130,14 @@ bool RobotServer::handle(const Header& header, std::span<const std::byte> body) 
     case Command::kSetLoad: return set<fci::SetLoad>(header, body);
     case Command::kSetFilters: return set<fci::SetFilters>(header, body);
     case Command::kGetCartesianLimit:
-      return take<fci::GetCartesianLimit>(header, body, [&](std::uint32_t id, const fci::GetCartesianLimit&) {
-        // No virtual walls are set up.
+      return take<fci::GetCartesianLimit>(header, body, [&](std::uint32_t id, const fci::GetCartesianLimit& request) {
+        const VirtualWall wall = robot_.virtual_wall(request.id);
+        fci::GetCartesianLimitResponse response;
+        Eigen::Vector3d::Map(response.object_world_size.data()) = wall.size;
+        Eigen::Matrix4d::Map(response.object_frame.data()) = wall.frame.matrix();
+        response.object_activation = wall.active;
         std::array<std::byte, 154> limit;
-        fci::write(version_, fci::GetCartesianLimitResponse{}, limit);
+        fci::write(version_, response, limit);
         answer(command, id, Status::kSuccess, std::span(limit).subspan(1));
       });
     case Command::kLoadModelLibrary:

@@ -1,9 +1,9 @@
 #pragma once
 
-#include <array>
+#include <utility>
 #include <vector>
 
-#include "sim/arm_model.hpp"
+#include "sim/arm_capsules.hpp"
 
 namespace sim {
 
@@ -19,12 +19,7 @@ class SelfCollision {
   double distance(const ArmModel& at, double horizon) const;
 
  private:
-  struct Capsule {
-    int link;                      // 0 to 7
-    Eigen::Vector3d centre, half;  // of the axis, and from there to its end; in the link's frame, m
-    double radius, reach;          // m; reach: of the sphere around centre that holds it
-  };
-  std::vector<Capsule> capsules_;
+  ArmCapsules capsules_;
   std::vector<std::pair<int, int>> pairs_;
 };
 

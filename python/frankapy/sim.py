@@ -271,6 +271,31 @@ class ControlChannel:
         """Press or release the guiding buttons at the hand; they act while the user stop is pressed, as on the robot."""
         self._press(proto.PressButton.GUIDING, pressed)
 
+    def lock_joints(self, locked: bool = True) -> None:
+        """Close or open the brakes of the joints, as in the robot's own user interface; refused while a motion runs."""
+        self._press(proto.PressButton.JOINT_LOCK, locked)
+
+    def virtual_wall(
+        self, size: ArrayLike, pose: RigidTransform | ArrayLike, number: int = 0, active: bool = True
+    ) -> None:
+        """Set up one of the robot's own virtual walls: a cuboid that the arm must not enter.
+
+        The arm reports `cartesian_position_limits_violation` and stops when it does.
+
+        Args:
+            size: m (3,), along the axes of `pose`.
+            pose: of a corner of the cuboid; as in move_object().
+            number: of the wall; one that is there already is replaced.
+            active: whether the robot minds it.
+        """
+        position, quaternion = _pose(pose)
+        self._ask(
+            set_virtual_wall=proto.SetVirtualWall(
+                id=whole("number", number), size=vector("size", size, 3), position=position, quaternion=quaternion,
+                active=bool(active),
+            )
+        )  # fmt: skip
+
     def inject(self, error: str) -> None:
         """Raise an error of the robot as if there were reason to; `error`: its name as in current_errors."""
         self._ask(inject_error=proto.InjectError(name=error))

@@ -179,12 +179,23 @@ SimulationReply ControlServer::answer(SimulationCall& call) {
             case proto::PressButton::USER_STOP: return robot.user_stop(pressed);
             case proto::PressButton::ENABLING_DEVICE: return robot.enabling_device(pressed);
             case proto::PressButton::GUIDING: return robot.guide(pressed);
+            case proto::PressButton::JOINT_LOCK:
+              if (pressed && robot.moving()) refuse("the arm moves: its joints are locked when it rests");
+              return robot.lock(pressed);
           }
         });
         break;
       case SimulationCall::kInjectError: {
         const fci::Error error = error_of(call.inject_error().name());
         ask([&] { robot.inject(error); });
+        break;
+      }
+      case SimulationCall::kSetVirtualWall: {
+        const proto::SetVirtualWall& set = call.set_virtual_wall();
+        const std::array<double, 7> at = pose_of(set);
+        VirtualWall wall{Eigen::Vector3d(set.size(0), set.size(1), set.size(2)), Eigen::Isometry3d::Identity(), set.active()};
+        wall.frame.translate(Eigen::Vector3d(at[0], at[1], at[2])).rotate(Eigen::Quaterniond(at[3], at[4], at[5], at[6]));
+        ask([&] { robot.set_virtual_wall(static_cast<int>(set.id()), wall); });
         break;
       }
       case SimulationCall::kSetNetwork:

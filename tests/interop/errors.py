@@ -19,7 +19,7 @@ OWN_TESTS = "OwnClient."  # tests named by the error that they provoke
 
 # Why no client provokes an error by what it commands.
 UNPROVOKED = {
-    "cartesian_position_limits_violation": "the arm has no virtual walls, like a robot on which none were set up",
+    "cartesian_position_limits_violation": "the arm has no virtual walls until somebody sets them up",
     "force_control_safety_violation": "of the robot's own force control, which FCI does not offer",
     "cartesian_velocity_profile_safety_violation": "of the robot's own motions, which FCI does not offer",
     "force_controller_desired_force_tolerance_violation": "of the robot's own force control, which FCI does not offer",

@@ -378,6 +378,40 @@ def test_user_stop_ends_a_skill(sim, fa, monkeypatch):
     fa.goto_joints(HOME, duration=1)
 
 
+def test_locked_joints_take_no_motion(sim, fa, monkeypatch):
+    monkeypatch.setattr(FrankaConstants, "DEFAULT_FRANKA_INTERFACE_TIMEOUT", 0.2)  # it is in vain to wait for readiness
+    fa.goto_joints(HOME, duration=1)
+    fa.goto_joints(np.array(HOME) + 0.1, duration=3600, block=False)
+    until(lambda: sim.truth().moving)
+    with pytest.raises(FrankaArmArgumentError, match="the arm moves"):
+        sim.lock_joints()
+    fa.stop_skill()
+    until(lambda: not sim.truth().moving)
+    sim.lock_joints()
+    with pytest.raises(FrankaArmException, match="not possible in the robot's current mode. Look at its lights"):
+        fa.goto_joints(HOME, duration=1)
+    sim.lock_joints(False)
+    fa.wait_for_franka_interface(10)
+    fa.goto_joints(HOME, duration=1)
+
+
+def test_a_virtual_wall_of_the_robot_stops_it(sim, fa):
+    fa.goto_joints(HOME, duration=1)
+    corner = np.eye(4)
+    corner[:3, 3] = [0, 0.3, 0]
+    sim.virtual_wall([1, 1, 1], corner, number=2)
+    aside = np.array(HOME) + [1, 0, 0, 0, 0, 0, 0]
+    with pytest.raises(FrankaArmException, match="cartesian_position_limits_violation"):
+        fa.goto_joints(aside, duration=3, ignore_virtual_walls=True, ignore_errors=False)
+    assert sim.truth().O_T_TCP[1, 3] < 0.3
+    fa.goto_joints(HOME, duration=1)
+    sim.virtual_wall([1, 1, 1], corner, number=2, active=False)
+    fa.goto_joints(aside, duration=1, ignore_virtual_walls=True)
+    fa.goto_joints(HOME, duration=1)
+    with pytest.raises(FrankaArmArgumentError, match="size"):
+        sim.virtual_wall([1, 1], corner)
+
+
 def test_injected_errors_have_their_names(sim, fa):
     sim.inject("cartesian_reflex")
     until(lambda: "cartesian_reflex" in str(fa.get_arm_state().robot))

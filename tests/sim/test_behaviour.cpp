@@ -222,6 +222,49 @@ TEST_P(BehaviourOf, WithItsJointsLockedTheRobotTakesNothing) {
   EXPECT_EQ(rig.state().robot_mode, RobotMode::kMove);
 }
 
+// --- walls that are set up at the robot ------------------------------------------------------------------------------
+
+TEST_P(BehaviourOf, NoMotionLeadsIntoAVirtualWall) {
+  const auto tool = [&] { return rig.world.truth().O_T_TCP[13]; };  // y, which the first joint moves
+  // Whether the arm gets a radian on by the first joint at this velocity (rad/s), within 3 s.
+  const auto turns = [&](double velocity) {
+    EXPECT_EQ(rig.start(Mode::kJointVelocity, ControllerMode::kJointImpedance), Status::kMotionStarted);
+    const double from = rig.q()[0];
+    fci::RobotCommand command;
+    for (int i = 1; i <= 3000 && !rig.robot.outcome(); ++i) {
+      const bool there = std::abs(rig.q()[0] - from) > 1;
+      command.dq_c[0] += std::clamp((there ? 0 : velocity) - command.dq_c[0], -0.002, 0.002);
+      if (there && command.dq_c[0] == 0) command.motion_generation_finished = true;
+      rig.cycle(command);
+    }
+    rig.wait(0.5);
+    return rig.robot.outcome() == Status::kSuccess;
+  };
+  VirtualWall wall{{1, 1, 1}, Eigen::Isometry3d::Identity(), true};
+  wall.frame.translate(Eigen::Vector3d(0, 0.25, 0));
+  rig.robot.set_virtual_wall(3, wall);
+  EXPECT_FALSE(rig.robot.virtual_wall(2).active);
+  EXPECT_EQ(rig.robot.virtual_wall(3).size, wall.size);
+
+  EXPECT_FALSE(turns(0.5));
+  EXPECT_EQ(rig.robot.outcome(), Status::kReflexAborted);
+  EXPECT_EQ(fci::names(rig.state().errors), "cartesian_position_limits_violation");
+  EXPECT_GT(tool(), 0.1);
+  EXPECT_LT(tool(), 0.25) << "the hand is wide";
+  EXPECT_EQ(rig.robot.recover(), Status::kSuccess);
+  rig.wait(1);
+  EXPECT_FALSE(turns(0.5)) << "it is in the wall still";
+  EXPECT_EQ(rig.robot.recover(), Status::kSuccess);
+  rig.wait(1);
+  EXPECT_TRUE(turns(-0.5)) << "the way out is open";
+
+  wall.active = false;
+  rig.robot.set_virtual_wall(3, wall);
+  EXPECT_TRUE(turns(0.5));
+  EXPECT_TRUE(turns(0.5));
+  EXPECT_GT(tool(), 0.26);
+}
+
 // --- errors ----------------------------------------------------------------------------------------------------------
 
 TEST_P(BehaviourOf, EveryErrorCanBeInjectedAndRecoveredFrom) {
