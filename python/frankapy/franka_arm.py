@@ -980,10 +980,12 @@ class FrankaArm:
     def apply_joint_torques(
         self, torques: Any, duration: float, ignore_errors: bool = True, skill_desc: str = ""
     ) -> None:
-        """Apply torques (Nm beside gravity's, (7,)) for `duration` (s), as `execute_joint_torques` does to all joints."""
-        self.execute_joint_torques(
-            torques, selection=[1] * 7, duration=duration, ignore_errors=ignore_errors, skill_desc=skill_desc
-        )
+        """Move nothing, as ever: scripts that call it never met an arm whose joints nobody holds.
+
+        `execute_joint_torques` applies torques.
+        """
+        vector("torques", torques, 7)
+        logger.warning("apply_joint_torques moves nothing, as in frankapy; execute_joint_torques applies torques")
 
     @checks_flags
     def run_dynamic_force_position(

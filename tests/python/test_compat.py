@@ -132,6 +132,11 @@ def test_collision_thresholds_are_those_published():
     assert FC.DEFAULT_UPPER_TORQUE_THRESHOLDS_NOMINAL[:4] == [120, 120, 118, 118]
 
 
+def test_torques_that_were_never_applied_are_not_now(caplog):
+    assert FrankaArm(offline=True).apply_joint_torques([0] * 7, 1) is None
+    assert "moves nothing" in caplog.text
+
+
 def test_the_arm_as_boxes():
     fa = FrankaArm(offline=True)
     tool = fa.get_links_transforms(HOME)[-1][:3, 3]

@@ -180,23 +180,27 @@ TEST_F(RecordingTest, NeverTakesMoreThanItMay) {
 TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileGivesWayToTheNext) {
   config_.mode = RecordingsConfig::Mode::kAlways;
   config_.file_mb = 0.2;
-  constexpr int kBatches = 60, kBatch = 100;
+  constexpr std::size_t kBatch = 100;
+  std::size_t batches = 0;
   {
     Recorder recorder(box_, config_, "arm", nullptr);
     ASSERT_TRUE(wait_for([&] { return recorder.ask({}).open(); }));
-    for (int k = 0; k < kBatches; ++k) {
+    for (; files().size() <= 3; ++batches) {
+      const auto before = recorder.ask({});
       cycles(kBatch);
-      box_.journal.note("/log", "frankapy.proto.LogLine", "", static_cast<std::uint32_t>(k));
-      std::this_thread::sleep_for(5ms);
+      box_.journal.note("/log", "frankapy.proto.LogLine", "", static_cast<std::uint32_t>(batches));
+      ASSERT_TRUE(wait_for([&] {
+        const auto now = recorder.ask({});
+        return now.states() != before.states() || now.file() != before.file();
+      }));
     }
   }
-  EXPECT_GT(files().size(), 3u);
   std::vector<std::string> lines;
   for (const auto& file : files()) {
     for (const auto& line : read(file)) lines.push_back(line.substr(0, line.rfind(' ')));
   }
-  EXPECT_EQ(count(lines, "/states"), kBatches * kBatch);
-  EXPECT_EQ(count(lines, "/log"), kBatches);
+  EXPECT_EQ(count(lines, "/states"), batches * kBatch);
+  EXPECT_EQ(count(lines, "/log"), batches);
   std::sort(lines.begin(), lines.end());
   EXPECT_EQ(std::adjacent_find(lines.begin(), lines.end()), lines.end());
 }
