@@ -28,12 +28,10 @@ constexpr int kSceneBit = 1;
 int bit_of(std::size_t arm) { return 2 << arm; }
 int bits_of_others(std::size_t arm, std::size_t count) { return ((2 << count) - 2) & ~bit_of(arm); }
 
-// Contacts of the arm are stiff: a time constant of four cycles is some 10^5 N/m at the hand. Over their first 0.1 mm they
-// begin with half of that: one that begins as it ends leaves a surface that it slides on and hits it again, by 17 N where it is
-// pressed with 10, and the less the shorter the steps of the physics are. Rubber on the fingertips; condim 4 adds friction
-// against turning about the normal, since a flat pad is more than points.
+// Contacts of the arm are stiff: a time constant of four cycles is some 10^5 N/m at the hand. Rubber on the fingertips;
+// condim 4 adds friction against turning about the normal, since a flat pad is more than points.
 constexpr std::array<double, mjNREF> kSolref = {0.004, 1};
-constexpr std::array<double, mjNIMP> kSolimp = {0.5, 0.99, 0.0001, 0.5, 2};
+constexpr std::array<double, mjNIMP> kSolimp = {0.95, 0.99, 0.001, 0.5, 2};
 constexpr std::array<double, 3> kMetalFriction = {0.4, 0.005, 0.0001};
 constexpr std::array<double, 3> kRubberFriction = {1.0, 0.01, 0.0001};
 

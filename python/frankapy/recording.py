@@ -237,7 +237,14 @@ class Recording:
         if len(self):
             states = self.states
             missed = int(states["lost_states"][-1] - states["lost_states"][0])
-            rows.append(("cycles", f"{len(self.late)} late, {missed} states did not arrive, {int(states['limited'].sum())} limited"))
+            held_by = states.get("held_by", np.zeros(len(self))).astype(int)
+            held = [
+                f"{np.count_nonzero(held_by & bit)} by {name.lower().replace('_', ' ')}"
+                for name, bit in proto.HeldBy.items()
+                if (held_by & bit).any()
+            ]
+            held_back = f"{int(states['limited'].sum())} held back" + (f" ({', '.join(held)})" if held else "")
+            rows.append(("cycles", f"{len(self.late)} late, {missed} states did not arrive, {held_back}"))
         descriptions = {event.skill_id: event.started.description for _, event in self.skills if event.HasField("started")}
         for time, event in self.skills:
             what = event.WhichOneof("what")

@@ -14,7 +14,15 @@ if TYPE_CHECKING:
 
 _MOST_POINTS = 4000  # of a line
 _JOINT_COLORS = ["#4477aa", "#66ccee", "#228833", "#ccbb44", "#ee6677", "#aa3377", "#777777"]
-_SHADES = {"skill": "#eef3fa", "limited": "#f5a623", "error": "#d62728"}
+_SHADES = {"skill": "#eef3fa", "error": "#d62728"}
+_HELD_BY = {
+    proto.MOTION_LIMITS: ("motion limits", "#f5a623"),
+    proto.TORQUE_LIMITS: ("torque limits", "#8c564b"),
+    proto.JOINT_LIMITS: ("joint limits", "#e377c2"),
+    proto.WALL: ("a wall", "#2ca02c"),
+    proto.HELD_ARM: ("a held arm", "#9467bd"),
+    proto.ITSELF: ("the arm itself", "#17becf"),
+}
 
 
 def page(recording: Recording) -> Figure:
@@ -123,13 +131,17 @@ def _timing(axis: Any, recording: Recording) -> None:
     axis.plot(time[computed], states["compute_us"][computed], ".", markersize=1.5, color="#777777", label="computing, µs")
     axis.set_yscale("symlog", linthresh=100)
     top = axis.get_ylim()[1]
-    for begin, end in _spans(time, states["limited"] > 0)[:500]:
-        axis.axvspan(begin, end, 0, 0.12, color=_SHADES["limited"], linewidth=0)
+    held_by = states.get("held_by", np.zeros(len(time))).astype(int)
+    for place, (bit, (why, colour)) in enumerate(_HELD_BY.items()):
+        spans = _spans(time, held_by & bit > 0)[:500]
+        for begin, end in spans:
+            axis.axvspan(begin, end, 0.04 * place, 0.04 * place + 0.03, color=colour, linewidth=0)
+        if spans:
+            axis.plot([], [], "s", color=colour, label=f"held back by {why}")
     late = recording.late
     axis.plot(late, np.full(len(late), top), "v", color=_SHADES["error"], markersize=4, label=f"late cycle ({len(late)})")
     missed = time[1:][np.diff(states["lost_states"]) > 0]
     axis.plot(missed, np.full(len(missed), top), "x", color="#aa3377", markersize=5, label=f"state lost ({len(missed)})")
-    axis.plot([], [], "s", color=_SHADES["limited"], label="held back by a limit")
     axis.plot([], [], "s", color=_SHADES["skill"], label="a skill")
     axis.plot([], [], "s", color=_SHADES["error"], alpha=0.3, label="error")
     axis.set_title("the loop", fontsize="medium")

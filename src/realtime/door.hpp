@@ -35,7 +35,7 @@ struct Record {
   std::uint64_t skill_id = 0;  // 0: none
   double skill_time = 0;       // s
   Reference reference;         // after the limits
-  bool limited = false;        // the limiter held something back in this cycle
+  HeldBy held_by = HeldBy::kNothing;  // in this cycle
   std::uint64_t cycles = 0;    // since the loop began
   std::uint64_t lost_states = 0;  // states that did not arrive, by message_id
   std::int64_t received_ns = 0;   // CLOCK_MONOTONIC when the state was in hand

@@ -151,7 +151,7 @@ void Loop::observe() noexcept {
   model_.update(cycle_.q, cycle_.dq);
   cycle_.q_ref = gate_.joints().q;
   cycle_.dq_ref = gate_.joint_velocity();
-  limited_ = false;
+  held_by_ = HeldBy::kNothing;
   coasted_ = in_motion() && commands_were_lost();
 }
 
@@ -340,8 +340,9 @@ void Loop::generate_reference() noexcept {
       pace_path();
       trajectory_over_ = step_trajectory();
       if (rejoin_.active()) rejoin_.step(kTick, wanted_);
-      held_back_ = gate_.follow(wanted_, reference_);
-      limited_ |= held_back_;
+      const HeldBy held = gate_.follow(wanted_, reference_);
+      held_back_ = held != HeldBy::kNothing;
+      held_by_ |= held;
     }
     trajectory_over_ &= !rejoin_.active() && (!held_back_ || gate_.stuck());  // not before the reference is there as well
     reference_.wrench = wanted_.wrench;
@@ -370,6 +371,7 @@ void Loop::pace_path() noexcept {
   path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
   const bool waits = held > behind && cycle_.dq.cwiseAbs().maxCoeff() < kStill;
   waited_ |= waits;
+  held_by_ |= when(held > 0, HeldBy::kArm);
   if (!waits && !gate_.stuck()) slowed_ += (1 - path_.share()) * kTick;
 }
 
@@ -390,10 +392,11 @@ void Loop::compute_torque() noexcept {
     }
     if (faulty_ || lets_go) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
     const bool led = holder_->controller->leads() && !lets_go && !faulty_;
-    limited_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? gate_.away(cycle_) : 0, tau_J_d_);
-    pushed_by_wall_ |= torque_gate_.walled();
+    held_by_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? gate_.away(cycle_) : 0, tau_J_d_);
   }
-  if (skill_ != nullptr && limited_) ++limited_cycles_;
+  if (skill_ == nullptr) return;
+  skill_held_by_ |= held_by_;
+  if (held_by_ != HeldBy::kNothing) ++limited_cycles_;
 }
 
 void Loop::take_walls() noexcept {
@@ -451,7 +454,7 @@ void Loop::publish() noexcept {
   record.skill_id = commanded_skill_;
   record.skill_time = sent_ && commanded_skill_ != 0 ? skill_time_ : 0;
   record.reference = reference_;
-  record.limited = sent_ && limited_;
+  record.held_by = sent_ ? held_by_ : HeldBy::kNothing;
   record.cycles = cycles_;
   record.lost_states = lost_states_;
   record.received_ns = driver_.received_ns();
@@ -486,7 +489,8 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   }
   result.limited_cycles = limited_cycles_;
   result.left = left(*skill);
-  if (pushed_by_wall_ || gate_.walled()) result.wall = gate_.walls().wall();
+  result.held_by = skill_held_by_;
+  if (has(skill_held_by_, HeldBy::kWall)) result.wall = gate_.walls().wall();
   result.first_command_ns = first_command_ns_;
   result.last_cycle_ns = now_ns();
   if (ending == Ending::kComponentFault) result.fault = watch_.fault();
@@ -585,7 +589,7 @@ void Loop::start_skill() noexcept {
   leaving_ = false;
   hold_until_ = std::numeric_limits<std::uint64_t>::max();
   limited_cycles_ = 0;
-  pushed_by_wall_ = false;
+  skill_held_by_ = HeldBy::kNothing;
   first_command_ns_ = 0;
   trajectory_over_ = held_back_ = false;
   cycle_.time = 0;

@@ -145,8 +145,8 @@ class Loop {
   Reference joints_of_robot_;     // that it moves along with a pose
   bool coasted_ = false;          // in this cycle the robot went on by itself
   Rejoin rejoin_;                 // after that
-  bool limited_ = false;
-  bool pushed_by_wall_ = false;  // under torque, since the running skill began
+  HeldBy held_by_ = HeldBy::kNothing;        // in this cycle
+  HeldBy skill_held_by_ = HeldBy::kNothing;  // since the running skill began
   Vector7 tau_J_d_ = Vector7::Zero();
   MinJerk<7> left_over_;   // torque by which the controller would have stepped when it began, on its way to zero
   double fade_time_ = 1;   // s that it has been on it

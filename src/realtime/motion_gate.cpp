@@ -25,7 +25,7 @@ bool beside(const Reference& a, const Reference& b) {
 
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
-  walled_ = walled_since_ = false;
+  walled_ = false;
   limiter_.reset(from);
 }
 
@@ -58,22 +58,31 @@ double MotionGate::away(const Cycle& cycle) const noexcept {
 
 // Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does
 // not do either, the way to rest, which was clear the last time.
-bool MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
+HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
-  bool held = limiter_.follow(wanted, kTick, reference);
+  HeldBy held = when(limiter_.follow(wanted, kTick, reference), HeldBy::kMotionLimits);
+  const ArmCapsules* const arm = walls_.arm();
+  if (arm == nullptr) return held;
+  look_to_rest(reference);
+  if (!self_.clear(*arm, joints_.q, way_to_rest())) {
+    limiter_.take_back();
+    limiter_.brake(kTick, reference);
+    return held | HeldBy::kItself;
+  }
   if (!walls_.active()) return held;
-  const bool clear = way_to_rest_is_clear(reference, WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
+  const bool clear = walls_.clear(joints_.q, way_to_rest(), WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
   if (!clear) {
     const Reference aside = past_walls(wanted);
     limiter_.take_back();
     bool along = !beside(aside, before_);
     if (along) {
       limiter_.follow(aside, kTick, reference);
-      along = way_to_rest_is_clear(reference, WallGuard::kClearance);
+      look_to_rest(reference);
+      along = walls_.clear(joints_.q, way_to_rest(), WallGuard::kClearance) && self_.clear(*arm, joints_.q, way_to_rest());
       if (!along) limiter_.take_back();
     }
     if (!along) limiter_.brake(kTick, reference);
-    held = walled_since_ = true;
+    held |= HeldBy::kWall;
   }
   walled_ = !clear;
   return held;
@@ -84,19 +93,16 @@ bool MotionGate::brake(Reference& reference) noexcept {
   return limiter_.brake(kTick, reference);
 }
 
-bool MotionGate::way_to_rest_is_clear(const Reference& reference, double clearance) noexcept {
-  std::array<Vector7, WallGuard::kMostOnWay> way;
-  std::size_t count = 0;
+void MotionGate::look_to_rest(const Reference& reference) noexcept {
   if (reference.motion == Channels::kJoint) {
     joints_.q = before_.joint.q;
-    count = limiter_.way_to_rest(std::span(way));
+    places_ = limiter_.way_to_rest(std::span(way_));
   } else {
     std::array<Vector6, WallGuard::kMostOnWay> poses;
-    count = limiter_.way_to_rest(std::span(poses));
+    places_ = limiter_.way_to_rest(std::span(poses));
     const Vector6 step = change_between(before_.cartesian, reference.cartesian);
-    for (std::size_t k = 0; k < count; ++k) way[k] = joints_.q + joints_.dq_dP * (step + poses[k]);
+    for (std::size_t k = 0; k < places_; ++k) way_[k] = joints_.q + joints_.dq_dP * (step + poses[k]);
   }
-  return walls_.clear(joints_.q, std::span(way).first(count), clearance);
 }
 
 // At rest, ahead of the reference before, as far as what is wanted leads there without the walls.

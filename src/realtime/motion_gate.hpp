@@ -1,11 +1,16 @@
 #pragma once
 
+#include <array>
+#include <span>
+
 #include "models/arm.hpp"
 #include "realtime/cycle.hpp"
+#include "realtime/held_by.hpp"
 #include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
 #include "realtime/pose_joints.hpp"
 #include "realtime/tick.hpp"
+#include "realtime/walls/self_guard.hpp"
 #include "realtime/walls/wall_guard.hpp"
 
 namespace realtime {
@@ -13,8 +18,8 @@ namespace realtime {
 // Where every reference goes through before it is sent, whatever robot controller runs: it judges the motion of the joints that
 // the reference means. Those of a pose are the robot's own where it makes them (q_d); else they follow the pose here, by
 // differential inverse kinematics from where the arm was, and are also what the null space of a controller is held to.
-// A reference is kept inside the limits of the arm, and where there are walls on a way from which the arm can come to rest
-// before them.
+// A reference is kept inside the limits of the arm, and on a way from which the arm can come to rest before it meets itself or
+// a wall.
 class MotionGate {
  public:
   MotionGate(const models::Limits& limits, Model& model) : model_(model), limiter_(limits), pose_joints_(model, limits) {}
@@ -27,8 +32,8 @@ class MotionGate {
   // null where they are to follow it here.
   void observe(const Reference& reference, const Vector7* q_d) noexcept;
 
-  // The reference one tick on, for what is wanted, and on the way to rest. True if something was held back; at rest.
-  bool follow(const Reference& wanted, Reference& reference) noexcept;
+  // The reference one tick on, for what is wanted, and what held it back; on the way to rest, true if it is at rest.
+  HeldBy follow(const Reference& wanted, Reference& reference) noexcept;
   bool brake(Reference& reference) noexcept;
 
   // The reference before the last step.
@@ -41,23 +46,24 @@ class MotionGate {
   bool at_rest() const noexcept { return limiter_.at_rest(); }
   bool stuck() const noexcept { return limiter_.stuck(); }
 
-  // A wall has held something back since reset().
-  bool walled() const noexcept { return walled_since_; }
-
   Limiter& limiter() noexcept { return limiter_; }
   WallGuard& walls() noexcept { return walls_; }
 
  private:
-  bool way_to_rest_is_clear(const Reference& reference, double clearance) noexcept;
+  void look_to_rest(const Reference& reference) noexcept;
+  std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
   Reference past_walls(const Reference& wanted) const noexcept;
 
   Model& model_;
   Limiter limiter_;
   WallGuard walls_;
+  SelfGuard self_;
+  std::array<Vector7, WallGuard::kMostOnWay> way_;  // to rest, of the joints; so many places of it
+  std::size_t places_ = 0;
   PoseJoints pose_joints_;
   JointsOfPose joints_;
   Reference before_;
-  bool walled_ = false, walled_since_ = false;  // in the step before
+  bool walled_ = false;  // in the step before
 };
 
 }  // namespace realtime

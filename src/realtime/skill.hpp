@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "realtime/controllers/controller.hpp"
+#include "realtime/held_by.hpp"
 #include "realtime/part_watch.hpp"
 #include "realtime/terminations/termination.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
@@ -73,7 +74,8 @@ struct SkillResult {
   int termination = -1;          // index of the one that ended it, or -1
   double time = 0;               // s of skill time
   double stretch = 1;            // of the trajectory
-  std::uint64_t limited_cycles = 0;  // in which the limiter held the reference or torque back
+  std::uint64_t limited_cycles = 0;  // in which reference or torque were held back
+  HeldBy held_by = HeldBy::kNothing;  // in any of them
   std::int64_t first_command_ns = 0;  // CLOCK_MONOTONIC when its first command was sent; 0: never
   std::int64_t last_cycle_ns = 0;     // CLOCK_MONOTONIC at the end of its last cycle
   fci::Errors errors{};          // with kRobotError; none when the robot gave no reason but its mode

@@ -26,25 +26,25 @@ double TorqueGate::hold_back(const Matrix7& mobility, const Vector7& pull, doubl
   return most > 1 ? 1 - in + in / most : 1;
 }
 
-bool TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away,
-                      Vector7& tau_J_d) noexcept {
+HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away,
+                        Vector7& tau_J_d) noexcept {
   const Vector7 sent = tau_J_d;
   Vector7 tau;
   const Matrix7 mobility = joint_mobility(cycle.model.mass());
   const Vector7& c = cycle.model.coriolis();
   const double share = wanted.allFinite() ? hold_back(mobility, wanted - c, away) : 1;
   const bool held_back = share < 1;
-  bool held = limits_.scale(held_back ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau) || held_back;
-  walled_ = walls.active() && walls.add(cycle.q, cycle.dq, mobility, c, tau);
-  held |= walled_;
-  held |= barrier_.add(cycle.q, cycle.dq, mobility, c, {cycle.dq_ref, away}, tau);
+  bool limited = limits_.scale(held_back ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau);
+  HeldBy held = when(held_back, HeldBy::kArm);
+  held |= when(walls.active() && walls.add(cycle.q, cycle.dq, mobility, c, tau), HeldBy::kWall);
+  held |= when(barrier_.add(cycle.q, cycle.dq, mobility, c, {cycle.dq_ref, away}, tau), HeldBy::kJointLimits);
   // The robot compares with the command before, however long ago that was; or, where one was lost, with the last that came.
-  held |= limits_.limit(tau, sent, kTick, tau_J_d);
+  limited |= limits_.limit(tau, sent, kTick, tau_J_d);
   const Vector7 came = Vector7::Map(cycle.state.tau_J_d.data());
   if (cycle.state.control_command_success_rate < 1 && !came.isApprox(sent, kFloatRounding)) {
-    held |= limits_.limit(tau_J_d, came, kTick, tau_J_d);
+    limited |= limits_.limit(tau_J_d, came, kTick, tau_J_d);
   }
-  return held;
+  return held | when(limited, HeldBy::kTorqueLimits);
 }
 
 }  // namespace realtime

@@ -2,6 +2,7 @@
 
 #include "models/arm.hpp"
 #include "realtime/cycle.hpp"
+#include "realtime/held_by.hpp"
 #include "realtime/joint_barrier.hpp"
 #include "realtime/limiter.hpp"
 #include "realtime/walls/wall_guard.hpp"
@@ -19,19 +20,15 @@ class TorqueGate {
   // The greatest of these torques, by what that joint can give.
   double share(const Vector7& tau) const noexcept { return limits_.share(tau); }
 
-  // tau_J_d: the last command in, the next one out (N m). True if something was held back.
+  // tau_J_d: the last command in, the next one out (N m); returns what held it back.
   // `away`: from where the controller leads it, rad (MotionGate::away()); 0 if it leads it nowhere.
-  bool pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away, Vector7& tau_J_d) noexcept;
-
-  // A wall has pushed in the last pass().
-  bool walled() const noexcept { return walled_; }
+  HeldBy pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away, Vector7& tau_J_d) noexcept;
 
  private:
   double hold_back(const Matrix7& mobility, const Vector7& pull, double away) const noexcept;
 
   TorqueLimiter limits_;
   JointBarrier barrier_;
-  bool walled_ = false;
 };
 
 }  // namespace realtime

@@ -25,6 +25,16 @@ void put(const fci::Errors& from, google::protobuf::RepeatedPtrField<std::string
   }
 }
 
+std::uint32_t convert(realtime::HeldBy held) {
+  using realtime::HeldBy;
+  static_assert(static_cast<int>(HeldBy::kMotionLimits) == proto::MOTION_LIMITS &&
+                static_cast<int>(HeldBy::kTorqueLimits) == proto::TORQUE_LIMITS &&
+                static_cast<int>(HeldBy::kJointLimits) == proto::JOINT_LIMITS &&
+                static_cast<int>(HeldBy::kWall) == proto::WALL && static_cast<int>(HeldBy::kArm) == proto::HELD_ARM &&
+                static_cast<int>(HeldBy::kItself) == proto::ITSELF);
+  return static_cast<std::uint32_t>(held);
+}
+
 proto::RobotMode convert(fci::RobotMode mode) {
   const int value = static_cast<int>(mode);
   return proto::RobotMode_IsValid(value) ? static_cast<proto::RobotMode>(value) : proto::OTHER;
@@ -204,7 +214,8 @@ void convert(const realtime::Record& record, proto::ArmState& out) {
     out.mutable_o_t_ee_ref()->Resize(16, 0);
     std::copy_n(pose.data(), 16, out.mutable_o_t_ee_ref()->begin());
   }
-  out.set_limited(record.limited);
+  out.set_limited(record.held_by != realtime::HeldBy::kNothing);
+  out.set_held_by(convert(record.held_by));
   out.set_cycles(record.cycles);
   out.set_lost_states(record.lost_states);
   out.set_compute_us(record.compute_ns * 1e-3);
@@ -233,6 +244,7 @@ void convert(const realtime::SkillResult& result, proto::SkillResult& out) {
   out.set_time(result.time);
   out.set_stretch(result.stretch);
   out.set_limited_cycles(result.limited_cycles);
+  out.set_held_by(convert(result.held_by));
   put(result.errors, out.mutable_errors());
   out.set_message(explain(result));
   if (result.first_command_ns != 0) out.set_first_command_ns(result.first_command_ns);

@@ -5,7 +5,15 @@ import pytest
 from conftest import FASTEST, HOME
 
 from frankapy import FrankaArm, proto
-from frankapy.parts import CartesianImpedance, InternalImpedance, JointImpedance, MinJerkJoint, RelativeMinJerkPose
+from frankapy.parts import (
+    CartesianImpedance,
+    InternalImpedance,
+    JointImpedance,
+    MinJerkJoint,
+    Never,
+    RelativeMinJerkPose,
+    StreamJoint,
+)
 from frankapy.sim import Simulation
 
 TRUTH_FILE = True
@@ -82,6 +90,7 @@ def test_an_arm_that_is_held_does_not_leap_when_it_is_let_go(start_with, robot, 
         force = np.linalg.norm(rows["push"][:, :3], axis=1)
         held = rows["time"] - now.time < HELD
         moved = np.linalg.norm(rows["O_T_TCP"].reshape(-1, 4, 4)[:, 3, :3] - now.O_T_TCP[:3, 3], axis=1)
+        assert result.held_by & proto.HELD_ARM
         assert force.max() > 20
         assert moved[held].max() < 0.02, "it was held"
         assert np.abs(rows["dq"]).max() < 0.3
@@ -94,7 +103,7 @@ def test_an_arm_that_something_keeps_from_its_goal_says_how_far_away_it_is(start
         fa.goto_joints(HOME, 2)
         pose = beside(fa, [0.2, -0.1, -0.15])
         fa.goto_pose(pose, 2, use_impedance=True)
-        assert not fa.last_skill_result.message
+        assert not fa.last_skill_result.message and not fa.last_skill_result.held_by
         assert fa.last_skill_result.position_left < 2e-3 and fa.last_skill_result.angle_left < 0.01
         pose = beside(fa, [0, 0, -0.41])
         fa.goto_pose(pose, 12, use_impedance=True, cartesian_impedances=[100, 100, 100, 30, 30, 30], ignore_virtual_walls=True)
@@ -149,3 +158,22 @@ def test_lost_packets_end_no_motion(default_arm, robot_controller):
 @pytest.mark.parametrize("robot_controller", NINE)
 def test_lost_packets_end_no_motion_in_a_minute(start, robot, robot_controller):
     lose_packets(start(robot=robot, truth=False), robot_controller, 60)
+
+
+@pytest.mark.parametrize("robot", ["fer", "fr3"])
+@pytest.mark.parametrize("controller", [InternalImpedance(), JointImpedance()], ids=["robot", "torque"])
+def test_what_is_streamed_into_the_arm_itself_ends_before_it(start, robot, controller):
+    """There the fingers would meet the shoulder."""
+    folded = np.array([0, -0.5, 0, -2.7, 0, 1.4, np.pi / 4])
+    with start(robot=robot, ideal=True).client() as fa:
+        fa.goto_joints(folded, 2, ignore_virtual_walls=True)
+        fa.run(StreamJoint("goal", delay=0, timeout=0), controller, Never(), block=False)
+        with fa.publisher("goal") as publisher:
+            publisher.publish(proto.JointPositionSensorMessage(joints=[*folded[:5], 0.5, folded[6]]))
+            fa.wait_for(lambda state: state.robot.q[5] < 1.2 and max(np.abs(state.robot.dq)) < 1e-3, timeout=60)
+            publisher.publish(proto.JointPositionSensorMessage(joints=folded))
+            fa.wait_for(lambda state: state.robot.q[5] > 1.39, timeout=60)  # the way back is open
+        fa.stop_skill()
+        result = fa.last_skill_result
+        assert result.ending == proto.STOPPED, result.message
+        assert result.held_by & proto.ITSELF

@@ -109,6 +109,7 @@ def test_what_is_streamed_through_a_wall_ends_before_it(controller, walled, idea
         walled.wait_for(lambda state: state.robot.q[0] > 0.15 and max(np.abs(state.robot.dq)) < 1e-3, timeout=60)
     walled.stop_skill()
     assert walled.last_skill_result.wall == "glass"
+    assert walled.last_skill_result.held_by & proto.WALL
     assert 0.009 < gap(ideal_arm.truth(first)) < 0.012
 
 

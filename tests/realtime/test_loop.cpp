@@ -1271,6 +1271,7 @@ TEST_F(LoopTest, APathThatIsFasterThanTheJointsIsWaitedFor) {
   }
   EXPECT_EQ(results[0].ending, Ending::kTerminated);
   EXPECT_GT(results[0].limited_cycles, 100u) << "the joints were in the way";
+  EXPECT_EQ(results[0].held_by, realtime::HeldBy::kMotionLimits);
   EXPECT_LT(bent, 0.15) << "0.32 where nothing waits";
   EXPECT_NEAR((robot.q() - from - way).norm(), 0, 1e-6);
 }

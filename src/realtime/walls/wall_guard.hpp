@@ -41,6 +41,8 @@ class WallGuard {
   // From now on these (null: none); returns those before, for their owner to destroy.
   Walls* change(Walls* walls) noexcept;
   bool active() const noexcept { return walls_ != nullptr && !walls_->walls.empty(); }
+  // The body of the arm; null before change().
+  const ArmCapsules* arm() const noexcept { return walls_ != nullptr ? &walls_->arm : nullptr; }
 
   // Whether the arm keeps `clearance` from each wall on that way of the joints (rad) from q on; from a wall that is nearer at
   // q it comes no nearer.

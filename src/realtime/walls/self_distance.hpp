@@ -1,0 +1,23 @@
+#pragma once
+
+#include <array>
+
+#include "realtime/walls/arm_capsules.hpp"
+
+namespace realtime {
+
+// How near an arm is to itself: the least distance between capsules of links that are not neighbours (nearer than three joints
+// to each other they cannot meet, or always overlap). What it holds does not count, as the robot does not know of it.
+struct SelfDistance {
+  double distance = 1e9;          // m, between surfaces; negative where they overlap
+  std::array<int, 2> links = {};  // that are so near, ArmCapsules::Capsule::link
+};
+SelfDistance self_distance(const ArmCapsules& arm, const Vector7& q) noexcept;
+
+// No point of an arm moves farther than this by any of its joints, m/rad.
+inline constexpr double kMostReach = 1.3;
+
+// The least distance that motions keep: the robot stops an arm that comes nearer to itself than the vendor's margin.
+inline constexpr double kSelfClearance = models::kCapsuleMargin + 0.001;  // m
+
+}  // namespace realtime

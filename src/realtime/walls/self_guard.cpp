@@ -1,0 +1,31 @@
+#include "realtime/walls/self_guard.hpp"
+
+#include <algorithm>
+
+namespace realtime {
+namespace {
+
+constexpr double kRounding = 1e-6;  // m that is no nearer
+
+double way_between(const Vector7& a, const Vector7& b) { return kMostReach * (a - b).lpNorm<1>(); }
+
+}  // namespace
+
+double SelfGuard::distance_at(const ArmCapsules& arm, const Vector7& q) noexcept {
+  seen_ = q;
+  return distance_ = self_distance(arm, q).distance;
+}
+
+bool SelfGuard::clear(const ArmCapsules& arm, const Vector7& q, std::span<const Vector7> way) noexcept {
+  double longest = 0;
+  for (const Vector7& place : way) longest = std::max(longest, way_between(place, seen_));
+  if (distance_ - longest >= kSelfClearance) return true;
+  const double enough = std::min(kSelfClearance, distance_at(arm, q) - kRounding);
+  for (const Vector7& place : way) {
+    if (distance_ - way_between(place, seen_) >= enough) continue;
+    if (distance_at(arm, place) < enough) return false;
+  }
+  return true;
+}
+
+}  // namespace realtime

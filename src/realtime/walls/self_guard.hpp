@@ -1,0 +1,24 @@
+#pragma once
+
+#include <span>
+
+#include "realtime/walls/self_distance.hpp"
+
+namespace realtime {
+
+// Keeps an arm from itself, as WallGuard does from walls: the way on which it would come to rest if it braked from there is looked
+// at in each cycle, where it may have come near at all.
+class SelfGuard {
+ public:
+  // Whether the arm keeps kSelfClearance on that way of the joints (rad) from q on; an arm that is nearer at q comes no nearer.
+  bool clear(const ArmCapsules& arm, const Vector7& q, std::span<const Vector7> way) noexcept;
+
+ private:
+  double distance_at(const ArmCapsules& arm, const Vector7& q) noexcept;
+
+  // A place that was looked at, and how near it is there: elsewhere that is less by what the arm moves between, at most.
+  Vector7 seen_ = Vector7::Zero();
+  double distance_ = -1e9;  // m; none yet
+};
+
+}  // namespace realtime
