@@ -968,6 +968,7 @@ class FrankaArm:
                 stiffness=_given("k_gains", k_gains, 7),
                 damping=_given("d_gains", d_gains, 7),
                 topic=_SENSOR_TOPIC if dynamic else None,
+                timeout=0,  # as ever, the last torque stays
             ),
             _streamed_or_timed_ends(dynamic, duration, buffer_time, force_thresholds, torque_thresholds),
             skill_desc,

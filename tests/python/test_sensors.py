@@ -21,6 +21,7 @@ from frankapy.parts import (
     MinJerkJoint,
     MinJerkPose,
     Never,
+    PassThroughJointTorque,
     SensorSays,
     Silence,
     StayJoint,
@@ -149,6 +150,21 @@ def test_torques_that_are_published_turn_a_joint_and_gains_hold_it(fa):
         publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
         fa.wait_for_skill()
     assert fa.last_skill_result.termination == "SensorSays"
+
+
+def test_a_torque_gives_way_where_its_publisher_falls_silent(fa):
+    law = PassThroughJointTorque(selection=[0] * 6 + [1], topic="torque", timeout=0.3)
+    before = fa.get_joints()[6]
+    fa.run(StayJoint(1000), law, Never(), block=False)
+    with fa.publisher("torque") as publisher:
+        publisher.publish(proto.JointTorqueControllerSensorMessage(joint_torques=[0] * 6 + [0.1]))
+        wait_for(fa, lambda: fa.get_joints()[6] > before + 0.005)
+        wait_for(fa, lambda: abs(fa.get_joint_velocities()[6]) < 1e-3)
+    assert fa.get_joints()[6] < before + 1
+    assert not fa.is_skill_done()
+    fa.stop_skill()
+    with pytest.raises(FrankaArmArgumentError, match="timeout"):
+        fa.run(StayJoint(1), PassThroughJointTorque(topic="torque", timeout=-1))
 
 
 def test_poses_forces_and_gains_that_are_published_are_followed(fa):

@@ -25,6 +25,8 @@ class DrivenClock final : public sim::Clock {
     pollfd wanted{socket, POLLIN, 0};
     if (::poll(&wanted, 1, 0) <= 0) sleep_until(time);
   }
+  // Time in which nobody here was run.
+  void stall(std::int64_t time) { now_ += time; }
 
  private:
   std::int64_t now_ = 1'000'000'000;  // ns
@@ -47,6 +49,7 @@ class DrivenArm {
   sim::Cell& cell() { return cell_; }
   // ns of the arm's clock.
   std::int64_t now() const { return clock_.now(); }
+  void stall(std::int64_t time) { clock_.stall(time); }
 
   // A datagram that was sent to the robot's port is there; kernels mostly deliver at once, and not always.
   void wait_for_datagram() const {

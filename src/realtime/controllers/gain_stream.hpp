@@ -51,10 +51,12 @@ class GainStream {
   // Once in a cycle.
   void step() noexcept {
     if (!input_) return;
+    ++silent_;
     while (const SensorSample* sample = input_->next()) {
       const auto sent = Gains::Map(sample->values.data() + first_);
       goal_ = sent.array().isNaN().select(goal_, sent);
       left_ = kCycles;
+      silent_ = 0;
       input_->release();
     }
     if (left_ > 0) gains_ += (goal_ - gains_) / left_--;
@@ -63,13 +65,15 @@ class GainStream {
   // As they are, and as they will be.
   const Gains& now() const noexcept { return gains_; }
   const Gains& goal() const noexcept { return goal_; }
+  // Cycles since the last message.
+  int silent() const noexcept { return silent_; }
 
  private:
   static constexpr int kCycles = 100;
 
   Gains gains_, goal_;
   std::size_t first_;
-  int left_ = 0;
+  int left_ = 0, silent_ = 0;
   std::shared_ptr<SensorInput> input_;
 };
 

@@ -6,11 +6,13 @@
 #include "realtime/check.hpp"
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
+#include "realtime/tick.hpp"
 
 namespace realtime {
 namespace {
 
 constexpr double kMaxShift = 0.2;  // rad, of q_start
+constexpr double kGiveWay = 0.1;   // s
 
 // m/s²; for robots that do not say how they stand.
 const Vector3 kUpright(0, 0, -9.81);
@@ -43,7 +45,10 @@ void check(const Gains& gains, const Matrix7& inertia) {
 
 PassThroughJointTorque::PassThroughJointTorque(const Parameters& parameters, const Matrix7& mass)
     : gains_(gains_of(parameters), parameters.topic, "JointTorqueControllerSensorMessage", kFirst,
-             [inertia = felt_inertia(mass)](const Gains& gains) { check(gains, inertia); }) {}
+             [inertia = felt_inertia(mass)](const Gains& gains) { check(gains, inertia); }),
+      timeout_(parameters.timeout) {
+  require_within("timeout", -1, timeout_, 0, 3600, "s");
+}
 
 void PassThroughJointTorque::start(const Cycle& cycle, Reference& reference) noexcept {
   q_start_ = cycle.q;
@@ -57,15 +62,18 @@ void PassThroughJointTorque::start(const Cycle& cycle, Reference& reference) noe
 
 void PassThroughJointTorque::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   gains_.step();
+  const bool silent = gains_.changes() && timeout_ > 0 && gains_.silent() * kTick > timeout_;
+  given_ = std::clamp(given_ + (silent ? -kTick : kTick) / kGiveWay, 0., 1.);
   tau_J_d = law(cycle, reference);
 }
 
 Vector7 PassThroughJointTorque::law(const Cycle& cycle, const Reference& reference) const noexcept {
   const Gains& gains = gains_.now();
-  const Vector7 torque = gains_.goal().segment<7>(kTorque), remove_gravity = gains.segment<7>(kRemoveGravity);
-  const Vector7 held = gains.segment<7>(kStiffness).cwiseProduct(q_start_ - cycle.q) -
-                       gains.segment<7>(kDamping).cwiseProduct(cycle.dq);
-  Vector7 tau = held + gains.segment<7>(kSelection).cwiseProduct(torque + reference.torque - held) + cycle.model.coriolis();
+  const Vector7 remove_gravity = gains.segment<7>(kRemoveGravity);
+  const Vector7 damping = -gains.segment<7>(kDamping).cwiseProduct(cycle.dq);
+  const Vector7 held = gains.segment<7>(kStiffness).cwiseProduct(q_start_ - cycle.q) + damping;
+  const Vector7 torque = given_ * (gains_.goal().segment<7>(kTorque) + reference.torque) + (1 - given_) * damping;
+  Vector7 tau = held + gains.segment<7>(kSelection).cwiseProduct(torque - held) + cycle.model.coriolis();
   if (remove_gravity.isZero()) return tau;
   const Vector3 reported = Vector3::Map(cycle.state.O_ddP_O.data());
   tau -= remove_gravity.cwiseProduct(cycle.model.gravity(reported.isZero() ? kUpright : reported));

@@ -12,7 +12,8 @@ namespace realtime {
 //   tau_J_d = s (torque + torque of the trajectory) + (1 - s) (K (q_start - q) - D dq) + coriolis - r gravity(q)
 // s is 1 for a torque and 0 for holding, r is 1 to let the joint feel gravity, which the robot compensates otherwise; parts
 // of them are possible. Gravity is of the arm with its tool, along the O_ddP_O that the robot reports. A topic gives all of them
-// anew while it runs (JointTorqueControllerSensorMessage): torque at once, the rest as GainStream.
+// anew while it runs (JointTorqueControllerSensorMessage): torque at once, the rest as GainStream. Where it has been silent for a
+// given time, the torque gives way to -D dq within 0.1 s, until the next message.
 class PassThroughJointTorque : public Controller {
  public:
   struct Parameters {
@@ -22,6 +23,7 @@ class PassThroughJointTorque : public Controller {
     Vector7 stiffness;       // K, N m/rad, 0 to 3000
     Vector7 damping;         // D, N m s/rad, 0 to 200
     std::optional<std::string> topic = {};
+    double timeout = 0;  // s, 0 to 3600; 0: never
   };
 
   // Throws std::invalid_argument naming field, value and bound. `mass`: of the links where the arm begins; springs that no
@@ -41,6 +43,8 @@ class PassThroughJointTorque : public Controller {
   Vector7 law(const Cycle& cycle, const Reference& reference) const noexcept;
 
   GainStream<35> gains_;  // in the order of the message
+  double timeout_;        // s
+  double given_ = 1;      // share of the torque that is given
   Vector7 q_start_ = Vector7::Zero();
 };
 

@@ -63,7 +63,7 @@ std::vector<Kind<realtime::Controller>>& controllers() {
       controller<proto::PassThroughJointTorque>([](const auto& m, const auto& arm) {
         return new realtime::PassThroughJointTorque({vector<7>(m.torque()), vector<7>(m.selection()),
                                                      vector<7>(m.remove_gravity()), vector<7>(m.stiffness()),
-                                                     vector<7>(m.damping()), given(m.has_topic(), m.topic())},
+                                                     vector<7>(m.damping()), given(m.has_topic(), m.topic()), m.timeout()},
                                                     arm.model.mass());
       }),
       controller<proto::ForcePosition>([](const auto& m, const auto&) {
