@@ -23,7 +23,7 @@ JUNIT := $(CURDIR)/$(BUILD)/junit
 
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly types wall wall-20 bench \
+.PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly types wall wall-20 bench bench-programs \
 	interop interop-lockstep peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
@@ -75,8 +75,10 @@ wall-20: build $(VENV)/.frankapy
 	$(CTEST) -j 1 -L wall --repeat until-fail:20; failed=$$?; for i in $$(seq 20); do \
 	  $(PYTEST:pytest.xml=pytest-$$i.xml) -m wall || failed=1; done; exit $$failed
 
-bench: build $(VENV)/.frankapy ## measure, and write build/bench.json
+bench-programs: build
 	cmake --build $(BUILD) -j $(JOBS) --target bench/all
+
+bench: bench-programs $(VENV)/.frankapy ## measure, and write build/bench.json
 	$(VENV)/bin/python bench/run.py
 
 interop: build $(VENV)/.frankapy ## run independent programs against ours

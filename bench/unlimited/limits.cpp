@@ -34,7 +34,8 @@ bool Limiter::brake(double, Reference& out) noexcept {
 }
 
 void Limiter::coast(double, Reference& out) noexcept { out = impl_->last; }
-bool Limiter::reconcile(const Reference&, double, Reference&) noexcept { return false; }
+bool Limiter::reconcile(const Reference&, int, double, double, Reference&) noexcept { return false; }
+const Reference& Limiter::last() const noexcept { return impl_->last; }
 bool Limiter::stuck() const noexcept { return false; }
 
 bool Limiter::at_rest() const noexcept {
