@@ -22,6 +22,7 @@ def test_the_tutorial_puts_the_peg_into_its_hole(start, monkeypatch, capsys):
     arm = start(scene="peg_in_hole")
     simulation = arm.simulation
     monkeypatch.setenv("FRANKA_INTERFACE_SERVER", arm.server)
+    simulation.pause(between_motions=True)  # so that each run is as the one before
     seen = {}
     for name, script in scripts().items():
         variables: dict = {}
