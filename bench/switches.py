@@ -5,8 +5,6 @@ queue, waited for, stopped, or taken over by the next at any moment; on both mod
 between the two, and its differences compared with the documented limits (tests/interop/wire_limits.py).
   switch_discontinuities            motions that the arm ended by an error, and commands beyond a limit, of 10,000 switches
   switch_discontinuities_unlimited  the same of a server without limits, to see that they are found: of at most ten batches, until there is one
-  switch_self_collisions            motions that the arm ended as it came too near to itself: the server looks at the way from where
-                                    an arm is, and not from where it will be when the next one takes over
 
     bench/switches.py --robot fer --first 17 --batches 1 --keep build/found    again what batch 17 drew
 
@@ -67,7 +65,6 @@ UNLIMITED = REPOSITORY / "build" / "bench" / "franka-interface-unlimited"
 UNLIMITED_BATCHES = 10
 PATIENCE = 60  # s of the wall for a few switches; next to singularities they may take some 10 s of the arm's
 KEPT = 8000  # last datagrams of either way when something is found
-COLLISION = "self_collision_avoidance_violation"
 JOINTS = ["joint_position", "joint_velocity"]
 POSES = ["cartesian_pose", "cartesian_velocity"]
 HOME = np.array(FrankaConstants.HOME_JOINTS)
@@ -269,7 +266,7 @@ def arm_and_server(robot: str, server: str | Path, keep: Path | None) -> Iterato
     ):
         tap = WireTap(address, record=True)
         config = Path(folder) / "arms.toml"
-        config.write_text(f'[[arm]]\nname = "arm"\naddress = "{tap.address}"\nlockstep = true\ngripper = false\n')
+        config.write_text(f'[[arm]]\nname = "arm"\naddress = "{tap.address}"\nlockstep = true\n')
         command = [server, "--config", config, "--port", "0"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
             try:
@@ -283,8 +280,8 @@ def arm_and_server(robot: str, server: str | Path, keep: Path | None) -> Iterato
                 process.terminate()
 
 
-def run(robot: str, server: str | Path, batches: range, keep: Path | None, until_found: bool = False) -> tuple[int, int]:
-    """Return how much was found, and how often the arm met itself."""
+def run(robot: str, server: str | Path, batches: range, keep: Path | None, until_found: bool = False) -> int:
+    """Return how much was found."""
     began = time.monotonic()
     with arm_and_server(robot, server, keep) as arm:
         for seed in batches:
@@ -295,8 +292,7 @@ def run(robot: str, server: str | Path, batches: range, keep: Path | None, until
         file=sys.stderr,
         flush=True,
     )
-    collisions = arm.errors.pop(COLLISION, 0)
-    return sum(arm.errors.values()) + arm.beyond, collisions
+    return sum(arm.errors.values()) + arm.beyond
 
 
 def main() -> None:
@@ -312,12 +308,9 @@ def main() -> None:
     count = options.batches or SWITCHES // BATCH // len(robots)
     batches = range(options.first, options.first + count)
     found = [run(robot, options.server or program("franka-interface"), batches, options.keep) for robot in robots]
-    entries = {
-        "switch_discontinuities": sum(each[0] for each in found),
-        "switch_self_collisions": sum(each[1] for each in found),
-    }
+    entries = {"switch_discontinuities": sum(found)}
     if options.server is None and options.batches is None:
-        unlimited = (run(robots[0], UNLIMITED, range(seed, seed + 1), None, until_found=True)[0] for seed in range(UNLIMITED_BATCHES))
+        unlimited = (run(robots[0], UNLIMITED, range(seed, seed + 1), None, until_found=True) for seed in range(UNLIMITED_BATCHES))
         entries["switch_discontinuities_unlimited"] = next(filter(None, unlimited), 0)
     print(json.dumps(entries))
 

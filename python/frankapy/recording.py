@@ -170,6 +170,11 @@ class Recording:
         return found
 
     @property
+    def held_by(self) -> np.ndarray:
+        """What held motions back: bits of proto.HeldBy for each state; 0 where a recording is older than they."""
+        return self.states.get("held_by", np.zeros(len(self))).astype(int)
+
+    @property
     def late(self) -> np.ndarray:
         """Times (s) of states that came more than half a cycle late."""
         time, phase = self._times, self.states["phase"]
@@ -237,11 +242,10 @@ class Recording:
         if len(self):
             states = self.states
             missed = int(states["lost_states"][-1] - states["lost_states"][0])
-            held_by = states.get("held_by", np.zeros(len(self))).astype(int)
             held = [
-                f"{np.count_nonzero(held_by & bit)} by {name.lower().replace('_', ' ')}"
+                f"{np.count_nonzero(self.held_by & bit)} by {name.lower().replace('_', ' ')}"
                 for name, bit in proto.HeldBy.items()
-                if (held_by & bit).any()
+                if (self.held_by & bit).any()
             ]
             held_back = f"{int(states['limited'].sum())} held back" + (f" ({', '.join(held)})" if held else "")
             rows.append(("cycles", f"{len(self.late)} late, {missed} states did not arrive, {held_back}"))

@@ -131,9 +131,8 @@ def _timing(axis: Any, recording: Recording) -> None:
     axis.plot(time[computed], states["compute_us"][computed], ".", markersize=1.5, color="#777777", label="computing, µs")
     axis.set_yscale("symlog", linthresh=100)
     top = axis.get_ylim()[1]
-    held_by = states.get("held_by", np.zeros(len(time))).astype(int)
     for place, (bit, (why, colour)) in enumerate(_HELD_BY.items()):
-        spans = _spans(time, held_by & bit > 0)[:500]
+        spans = _spans(time, recording.held_by & bit > 0)[:500]
         for begin, end in spans:
             axis.axvspan(begin, end, 0.04 * place, 0.04 * place + 0.03, color=colour, linewidth=0)
         if spans:

@@ -36,6 +36,8 @@ from frankapy.parts import (
 
 HOME = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 NEAR = HOME + [0.1, -0.1, 0.1, 0.1, -0.1, 0.1, 0.1]
+END = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True)
+GO_ON = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=False)
 
 
 def wait_for(fa, condition, longest=30.0):
@@ -95,19 +97,18 @@ def test_a_stream_and_a_chunk_move_the_arm_until_a_message_ends_it(fa):
         wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 0.01)
         publisher.publish(proto.JointChunk(times=[0.05, 0.1, 0.15], joints=np.tile(NEAR, 3)))
         wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
-        end.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
+        end.publish(END)
         fa.wait_for_skill()
     assert fa.last_skill_result.ending == proto.TERMINATED
     assert fa.last_skill_result.termination == "SensorSays"
 
 
 def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
-    end = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True)
     with fa.publisher(FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC) as publisher:
         fa.goto_joints(HOME, dynamic=True, buffer_time=1000)
         publisher.publish(proto.JointPositionSensorMessage(joints=NEAR))
         wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
-        publisher.publish(end)
+        publisher.publish(END)
         fa.wait_for_skill()
         assert fa.last_skill_result.termination == "SensorSays"
 
@@ -121,7 +122,7 @@ def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
         fa.execute_joint_velocities([0] * 7, [0] * 7, dynamic=True, buffer_time=1000)
         publisher.publish(proto.JointVelocitySensorMessage(joint_velocities=[0, 0, 0, 0, 0, 0, 0.3]))
         wait_for(fa, lambda: fa.get_joints()[6] > NEAR[6] + 0.02)
-        publisher.publish(end)
+        publisher.publish(END)
         fa.wait_for_skill()
         assert fa.last_skill_result.termination == "SensorSays"
 
@@ -147,7 +148,7 @@ def test_torques_that_are_published_turn_a_joint_and_gains_hold_it(fa):
         publisher.publish(unstable)
         topic = FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC
         wait_for(fa, lambda: "stiffness[" in fa.topics()[topic].why_refused)
-        publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
+        publisher.publish(END)
         fa.wait_for_skill()
     assert fa.last_skill_result.termination == "SensorSays"
 
@@ -181,7 +182,7 @@ def test_poses_forces_and_gains_that_are_published_are_followed(fa):
         publisher.publish(proto.ForcePositionControllerSensorMessage(selection=[1, 1, 0, 1, 1, 1]))
         publisher.publish(message(pose, [0, 0, 5, 0, 0, 0]))
         wait_for(fa, lambda: fa.get_pose(include_tool_offset=False).translation[2] > up + 0.02)  # there is nothing to push
-        publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
+        publisher.publish(END)
         fa.wait_for_skill()
     assert fa.last_skill_result.termination == "SensorSays"
 
@@ -227,16 +228,13 @@ def test_what_a_script_publishes_right_before_it_exits_arrives(fa, ideal_arm):
     assert fa.last_skill_result.termination == "SensorSays"
 
 
-END = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True)
-GO_ON = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=False)
-
-
 def test_a_message_is_for_the_first_skill_that_listens(fa):
     with fa.publisher("shared") as publisher, fa.sequence() as results:
         for _ in range(2):
             fa.run(StayJoint(1), InternalImpedance(), SensorSays("shared"))
-        wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING and len(fa.topics()["shared"].skills) == 2
-                 if "shared" in fa.topics() else publisher.publish(GO_ON))  # fmt: skip
+        publisher.publish(GO_ON)
+        wait_for(fa, lambda: "shared" in fa.topics() and len(fa.topics()["shared"].skills) == 2)
+        wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
         first = fa.get_arm_state().skill_id
         publisher.publish(END)
         wait_for(fa, lambda: fa.get_arm_state().skill_id > first and fa.get_arm_state().skill_time > 1)
