@@ -9,9 +9,9 @@
 
 #include "bench/fci_client.hpp"
 #include "sim/clock.hpp"
-#include "sim/gripper.hpp"
-#include "sim/robot_server.hpp"
-#include "sim/world.hpp"
+#include "sim/door/robot_server.hpp"
+#include "sim/robot/gripper.hpp"
+#include "sim/world/world.hpp"
 
 namespace {
 

@@ -3,11 +3,11 @@
 #include <csignal>
 #include <memory>
 
-#include "sim/gripper_server.hpp"
-#include "sim/mailbox.hpp"
+#include "sim/door/gripper_server.hpp"
+#include "sim/door/mailbox.hpp"
+#include "sim/door/robot_server.hpp"
 #include "sim/pace.hpp"
-#include "sim/robot_server.hpp"
-#include "sim/truth_file.hpp"
+#include "sim/world/truth_file.hpp"
 
 namespace sim {
 

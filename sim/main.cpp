@@ -11,7 +11,7 @@
 #include <thread>
 
 #include "sim/cell.hpp"
-#include "sim/control/control_server.hpp"
+#include "sim/door/control/control_server.hpp"
 #include "sim/priority.hpp"
 
 namespace {

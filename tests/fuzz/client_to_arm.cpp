@@ -18,9 +18,9 @@
 
 #include "models/arm.hpp"
 #include "script.hpp"
-#include "sim/gripper_server.hpp"
-#include "sim/robot_server.hpp"
-#include "sim/world.hpp"
+#include "sim/door/gripper_server.hpp"
+#include "sim/door/robot_server.hpp"
+#include "sim/world/world.hpp"
 
 namespace {
 

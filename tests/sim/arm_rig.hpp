@@ -2,10 +2,10 @@
 
 #include <Eigen/Geometry>
 
-#include "sim/franka_hand.hpp"
-#include "sim/internal_controller.hpp"
-#include "sim/motion_generator.hpp"
-#include "sim/world.hpp"
+#include "sim/robot/franka_hand.hpp"
+#include "sim/robot/internal_controller.hpp"
+#include "sim/robot/motion_generator.hpp"
+#include "sim/world/world.hpp"
 
 namespace sim {
 

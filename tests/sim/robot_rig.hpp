@@ -3,7 +3,7 @@
 #include <random>
 #include <string_view>
 
-#include "sim/robot.hpp"
+#include "sim/robot/robot.hpp"
 #include "tests/sim/arm_rig.hpp"
 #include "tests/sim/thresholds.hpp"
 

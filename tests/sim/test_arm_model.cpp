@@ -1,4 +1,4 @@
-#include "sim/arm_model.hpp"
+#include "sim/robot/arm_model.hpp"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,7 @@
 
 #include <Eigen/LU>
 
-#include "sim/rotation.hpp"
+#include "sim/robot/rotation.hpp"
 #include "tests/sim/robot_rig.hpp"
 
 namespace sim {

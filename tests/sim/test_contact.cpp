@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "sim/joint_figures.hpp"
+#include "sim/robot/joint_figures.hpp"
 #include "tests/sim/robot_rig.hpp"
 #include "tests/sim/scene_file.hpp"
 

@@ -1,4 +1,4 @@
-#include "sim/internal_controller.hpp"
+#include "sim/robot/internal_controller.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "sim/motion_generator.hpp"
+#include "sim/robot/motion_generator.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "sim/truth_file.hpp"
+#include "sim/world/truth_file.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,77 @@
+#pragma once
+
+#include "sim/door/network.hpp"
+#include "sim/door/port.hpp"
+#include "sim/robot/robot.hpp"
+#include "wire/fci/service.hpp"
+
+namespace sim {
+
+// The robot's port: requests over TCP, states and commands over UDP.
+class RobotServer : public Port {
+ public:
+  // `only`: the version of that system; empty: any that systems of this arm spoke. Throws std::runtime_error when the port cannot
+  // be had.
+  RobotServer(const models::Arm& arm, const in_addr& address, std::optional<fci::Version> only, Robot& robot,
+              Poller& poller);
+
+  // The command for the robot's last state, if it is there; nullptr otherwise. Valid until the next call.
+  const fci::RobotCommand* receive();
+  // The same, and waits for it until then (ns, of the clock) or for a millisecond.
+  const fci::RobotCommand* wait(std::int64_t until);
+
+  // The command for the robot's last state is lost, or will come too late.
+  bool in_vain() const { return in_vain_; }
+
+  // Sends the robot's state, then the answers that it makes true. `period` (ns of the wall) is how long a cycle takes;
+  // 0: as long as its command does, and what is delayed comes cycles later.
+  void publish(std::int64_t period);
+  // Sends what the network has held up until now.
+  void send_delayed(std::int64_t now);
+  // When there is such (ns, of the clock).
+  std::optional<std::int64_t> next_delayed() const;
+
+  Network& network() { return network_; }
+  // The robot becomes what it was; it goes on with its client and its count of states.
+  void restore(const Robot& moment);
+
+ private:
+  Header read_header(std::span<const std::byte> bytes) const override;
+  bool connect(Connection& newcomer, std::uint32_t id, std::uint16_t version, std::uint16_t udp_port) override;
+  std::string_view request_name(std::uint32_t command) const override;
+  bool handle(const Header& header, std::span<const std::byte> body) override;
+  void gone() override;
+
+  template <class Request, class Answer>
+  bool take(const Header& header, std::span<const std::byte> body, Answer&& answer_request);
+  template <class Request>
+  bool set(const Header& header, std::span<const std::byte> body);
+  void answer(fci::Command command, std::uint32_t id, fci::Status status, std::span<const std::byte> more = {});
+  const fci::RobotCommand* take(std::span<const std::byte> datagram);
+  bool held_up(std::span<const std::byte> datagram);
+  std::int64_t arrival() const;
+
+  const models::Arm& arm_;
+  std::optional<fci::Version> only_;
+  Robot& robot_;
+  Clock& clock_;
+  File udp_;
+  // Of the client.
+  fci::Version version_ = fci::kNewestVersion;
+  std::size_t state_size_ = 0, command_size_ = 0;         // bytes
+  bool refused_datagram_ = false;
+  std::optional<std::uint32_t> move_, stop_, recovery_;  // ids of requests to be answered when a state has shown it
+
+  fci::RobotCommand command_;
+
+  struct Delayed {
+    std::int64_t due;  // ns, or message_id
+    std::vector<std::byte> datagram;
+  };
+  Network network_;
+  std::vector<Delayed> delayed_states_, delayed_commands_;
+  std::int64_t period_ = 0;
+  bool in_vain_ = false;
+};
+
+}  // namespace sim

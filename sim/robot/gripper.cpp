@@ -1,0 +1,134 @@
+#include "sim/robot/gripper.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "models/arm.hpp"
+
+namespace sim {
+namespace {
+
+using models::hand::kMaxForce;
+using models::hand::kMaxSpeed;
+using models::hand::kMaxWidth;
+
+constexpr double kDt = 0.001;  // s
+
+// What Franka does not publish: a drive as stiff as a screw or rack is, at its limits of what 1 kHz can hold.
+constexpr double kStiffness = 8000;       // N/m, of each finger
+constexpr double kDamping = 55;           // N s/m
+constexpr double kHomingSpeed = 0.05;     // m/s, of the width
+constexpr double kHomingForce = 20;       // N
+constexpr double kStillVelocity = 0.001;  // m/s of each finger
+constexpr int kStill = 60;                // cycles after which fingers that do not move have arrived
+constexpr double kArrived = 0.001;        // m of width
+// The drive warms up with the square of its force.
+constexpr double kTemperature = 30;   // °C, at rest
+constexpr double kWarming = 25;       // K, at the greatest force for ever
+constexpr double kWarmingTime = 900;  // s
+
+}  // namespace
+
+Gripper::Gripper() : force_(kMaxForce), temperature_(kTemperature) {}
+
+void Gripper::home() { begin(Task::kHome, kMaxWidth + 2 * kHomingForce / kStiffness, kHomingSpeed, kHomingForce); }
+
+void Gripper::move(const fci::gripper::Move& request) {
+  if (!(request.width >= 0 && request.width <= kMaxWidth + kArrived) || !(request.speed > 0)) return end(Status::kFail);
+  begin(Task::kMove, request.width, request.speed, kMaxForce);
+}
+
+void Gripper::grasp(const fci::gripper::Grasp& request) {
+  if (!(request.width >= 0 && request.width <= kMaxWidth + kArrived) || !(request.speed > 0) || !(request.force > 0) ||
+      !(request.epsilon_inner >= 0) || !(request.epsilon_outer >= 0)) {
+    return end(Status::kFail);
+  }
+  grasp_ = request;
+  // Fingers that are narrower than the object take hold of it from inside. The goal lies so far beyond what stops
+  // them that the force is reached there.
+  const double force = std::min(request.force, kMaxForce);
+  const double beyond = 2 * force / kStiffness;
+  const bool close = request.width - request.epsilon_inner <= state_.width;
+  begin(Task::kGrasp, close ? -beyond : kMaxWidth + beyond, request.speed, force);
+}
+
+void Gripper::stop() {
+  if (task_ != Task::kHold) goal_ = reference_ = state_.width / 2;
+  task_ = Task::kHold;
+}
+
+void Gripper::begin(Task task, double width, double speed, double force) {
+  task_ = task;
+  outcome_.reset();
+  gripping_ = false;
+  goal_ = width / 2;
+  speed_ = std::min(speed, kMaxSpeed) / 2;
+  force_ = force;
+  still_ = 0;
+}
+
+void Gripper::end(Status outcome) {
+  task_ = Task::kHold;
+  outcome_ = outcome;
+}
+
+std::array<double, 2> Gripper::control(const std::array<double, 2>& finger) {
+  if (!seen_) {
+    before_ = finger;
+    goal_ = reference_ = (finger[0] + finger[1]) / 2;
+    seen_ = true;
+  }
+  const std::array<double, 2> velocity = {(finger[0] - before_[0]) / kDt, (finger[1] - before_[1]) / kDt};
+  before_ = finger;
+  const double x = (finger[0] + finger[1]) / 2, v = (velocity[0] + velocity[1]) / 2;
+
+  // The spring is never drawn further than for its greatest force.
+  const double reach = force_ / kStiffness;
+  const double from = reference_;
+  reference_ = std::clamp(goal_, reference_ - kDt * speed_, reference_ + kDt * speed_);
+  reference_ = std::clamp(reference_, x - reach, x + reach);
+  const double force = std::clamp(
+      kStiffness * (reference_ - x) + kDamping * ((reference_ - from) / kDt - v), -force_, force_);
+
+  const double load = force / kMaxForce;
+  temperature_ += kDt / kWarmingTime * (kTemperature + kWarming * load * load - temperature_);
+  state_.temperature = static_cast<std::uint16_t>(std::lround(temperature_));
+
+  follow_up(x, v);
+  state_.width = std::max(0.0, 2 * x);
+  state_.is_grasped = gripping_ && state_.width >= grasp_.width - grasp_.epsilon_inner &&
+                      state_.width <= grasp_.width + grasp_.epsilon_outer;
+  // One drive moves both fingers.
+  std::array<double, 2> forces;
+  for (int i = 0; i < 2; ++i) forces[i] = force + kStiffness * (x - finger[i]) + kDamping * (v - velocity[i]);
+  return forces;
+}
+
+void Gripper::follow_up(double x, double v) {
+  if (task_ == Task::kHold) return;
+  const bool drawn = std::abs(reference_ - x) >= 0.98 * force_ / kStiffness;
+  const bool there = std::abs(goal_ - reference_) < 1e-9;
+  still_ = (drawn || there) && std::abs(v) < kStillVelocity ? still_ + 1 : 0;
+  if (still_ < kStill) return;
+  const double width = std::max(0.0, 2 * x);
+  switch (task_) {
+    case Task::kHold: break;
+    case Task::kHome:
+      state_.max_width = width;
+      goal_ = reference_ = x;
+      end(Status::kSuccess);
+      break;
+    case Task::kMove: {
+      const bool arrived = std::abs(width - 2 * goal_) < kArrived;
+      if (!arrived) goal_ = reference_ = x;
+      end(arrived ? Status::kSuccess : Status::kUnsuccessful);
+      break;
+    }
+    case Task::kGrasp:
+      gripping_ = width >= grasp_.width - grasp_.epsilon_inner && width <= grasp_.width + grasp_.epsilon_outer;
+      end(gripping_ ? Status::kSuccess : Status::kUnsuccessful);
+      break;
+  }
+}
+
+}  // namespace sim
