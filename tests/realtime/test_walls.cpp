@@ -99,7 +99,9 @@ TEST(Shape, no_point_of_a_segment_is_nearer_than_the_nearest) {
       const Nearest found = nearest(shape, a, b);
       double least = 1e9;
       for (int k = 0; k <= 200; ++k) least = std::min(least, distance(shape, a + (b - a) * k / 200).distance);
-      EXPECT_LE(found.distance, least + 1e-5);
+      EXPECT_LE(found.distance, least + 1e-9);
+      EXPECT_TRUE(is_clear(shape, a, b, found.distance - 1e-9));
+      EXPECT_FALSE(is_clear(shape, a, b, least + 1e-9));
       EXPECT_NEAR(distance(shape, found.point).distance, found.distance, 1e-12);
       EXPECT_LT((found.point - a).cross(b - a).norm(), 1e-9);
     }

@@ -21,6 +21,9 @@ struct Shape {
   Eigen::Isometry3d O_T_S = Eigen::Isometry3d::Identity();
 };
 
+// The radius of a ball about the origin of S that holds the body, m; infinite for a plane.
+double reach(const Shape& shape) noexcept;
+
 // How far a point is from a body: negative inside. The normal leads out of it.
 struct Distance {
   double distance;  // m
@@ -33,5 +36,8 @@ struct Nearest : Distance {
   Vector3 point;
 };
 Nearest nearest(const Shape& shape, const Vector3& a, const Vector3& b) noexcept;
+
+// Whether no point of the segment is nearer to it than `distance`, m. Takes less time than nearest().
+bool is_clear(const Shape& shape, const Vector3& a, const Vector3& b, double distance) noexcept;
 
 }  // namespace realtime

@@ -61,14 +61,16 @@ WallGuard::~WallGuard() { delete walls_; }
 Walls* WallGuard::change(Walls* walls) noexcept {
   wall_ = 0;
   contact_count_ = 0;
+  for (std::size_t k = 0; walls != nullptr && k < walls->walls.size(); ++k) reach_[k] = reach(walls->walls[k].shape);
   return std::exchange(walls_, walls);
 }
 
-// No more than the distance between them.
-double WallGuard::least(int capsule, int wall, const ArmCapsules::Place& place) const noexcept {
-  const Vector3 half = (place.b[capsule] - place.a[capsule]) / 2;
-  return distance(walls_->walls[wall].shape, place.a[capsule] + half).distance - half.norm() -
-         walls_->arm.all()[capsule].radius;
+// Balls about both of them may say so, or else a ball about the capsule.
+bool WallGuard::is_far(int capsule, int wall, const ArmCapsules::Place& place, double clearance) const noexcept {
+  const Vector3 half = (place.b[capsule] - place.a[capsule]) / 2, middle = place.a[capsule] + half;
+  const Shape& shape = walls_->walls[wall].shape;
+  const double least = clearance + half.norm() + walls_->arm.all()[capsule].radius;
+  return (middle - shape.O_T_S.translation()).norm() > least + reach_[wall] || distance(shape, middle).distance > least;
 }
 
 WallGuard::Contact WallGuard::contact(int capsule, int wall, const Nearest& found) const noexcept {
@@ -92,14 +94,14 @@ bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double cle
     reach = std::max(kDetour * std::sqrt(reach) + kSlack, kNear);
     const double radius = arm.all()[capsule].radius;
     for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
-      if (least(capsule, wall, here_) > clearance + reach) continue;
+      if (is_far(capsule, wall, here_, clearance + reach)) continue;
       const Shape& shape = walls_->walls[wall].shape;
       const Nearest now = nearest(shape, here_.a[capsule], here_.b[capsule]);
       const double enough = std::min(clearance, now.distance - radius) - kRounding;
       bool clear = true;
       for (std::size_t k = 0; k < steps && clear; ++k) {
-        if (least(capsule, wall, places_[k]) >= enough) continue;
-        clear = nearest(shape, places_[k].a[capsule], places_[k].b[capsule]).distance - radius >= enough;
+        if (is_far(capsule, wall, places_[k], enough)) continue;
+        clear = is_clear(shape, places_[k].a[capsule], places_[k].b[capsule], enough + radius);
       }
       if (!clear) wall_ = walls_->walls[wall].id;
       all_clear &= clear;
@@ -151,7 +153,7 @@ bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility
     const double fast = std::max(a.squaredNorm(), b.squaredNorm()) / (kFarFrom * kFarFrom);
     const double horizon = std::min(kClearance + fast / (2 * kBrake), kHorizon);
     for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
-      if (least(capsule, wall, here_) > horizon) continue;
+      if (is_far(capsule, wall, here_, horizon)) continue;
       const Contact near = contact(capsule, wall, nearest(walls_->walls[wall].shape, here_.a[capsule], here_.b[capsule]));
       const double way = near.distance - kClearance, speed = -near.gradient.dot(dq);
       if (way < 0) {

@@ -69,9 +69,11 @@ class WallGuard {
   static constexpr int kMostContacts = 32;
 
   Contact contact(int capsule, int wall, const Nearest& nearest) const noexcept;
-  double least(int capsule, int wall, const ArmCapsules::Place& place) const noexcept;
+  // That they are farther from each other than `clearance`, m, where that is told at little cost.
+  bool is_far(int capsule, int wall, const ArmCapsules::Place& place, double clearance) const noexcept;
 
   Walls* walls_ = nullptr;
+  std::array<double, Walls::kMost> reach_{};  // of each wall, m
   std::uint32_t wall_ = 0;
 
   ArmCapsules::Place here_;
