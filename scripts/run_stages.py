@@ -6,7 +6,8 @@
 A stage is a target of the Makefile. What it prints is in build/stages/<stage>.log, what its tests say of themselves in
 JUnit files below build/stages/<stage>/, and these are what is counted; a stage that writes none counts as one test. A stage
 that takes longer than it should is SLOW, and at twice that is ended and has failed. Tests of the stage `wall` are about wall
-time and have three tries; other tests of the gate have a second one, which is named: such a test is to be mended. Everything that a stage has started is ended with it. `nightly` also writes build/nightly.json.
+time and have three tries; other tests of the gate have a second one, which is named: such a test is to be mended. Everything
+that a stage has started is ended with it. `nightly` also writes build/nightly.json.
 Exit status: 0 when all passed.
 """
 
@@ -176,7 +177,8 @@ def run_make(target: str, log: Path, junit: Path, again: bool, limit: float) -> 
                         return process.returncode
                 if now > told + PROGRESS:
                     told = now
-                    print(f"{now - start:6.0f} s  {last_lines(log.read_text(errors='replace'), 1)[:90]}\n{target:18}", end="", flush=True)
+                    said = last_lines(log.read_text(errors="replace"), 1)[:90]
+                    print(f"{now - start:6.0f} s  {said}\n{target:18}", end="", flush=True)
                 time.sleep(0.05)
             return None
         finally:
