@@ -72,12 +72,14 @@ void Cell::run_cycle() {
   }
   for (std::size_t i = 0; i < stations_.size(); ++i) {
     Station& station = *stations_[i];
+    // A motion that waits has its client wait as well.
+    const bool waits = !goes_on && time_ == Time::kPaused && station.robot.state().robot_mode == fci::RobotMode::kMove;
     if (goes_on) {
       station.robot.sense(world_.truth(i));
-    } else if (time_ != Time::kPaused || station.robot.state().robot_mode != fci::RobotMode::kMove) {
+    } else if (!waits) {
       station.robot.stand_still();
-    }  // else a motion waits, and its client with it: it gets the same state again, as a sign of life
-    station.robot_server.publish(lockstep_ ? 0 : pace_.period());
+    }
+    waits ? station.robot_server.repeat() : station.robot_server.publish(lockstep_ ? 0 : pace_.period());
     station.gripper_server.publish();
   }
   if (goes_on) world_.settle();  // while the clients have their state already
@@ -153,12 +155,12 @@ void Cell::keep_pace() {
 
 void Cell::wait_for_commands(std::int64_t patience) {
   const std::int64_t until = clock_.now() + patience;
-  for (auto& station : stations_) {
-    while (awaited(*station) && !*stopped_) {
-      station->command = station->robot_server.wait(until);
-      if (station->command || clock_.now() >= until) break;
-      serve();
+  while (!*stopped_) {
+    for (auto& station : stations_) {
+      if (awaited(*station)) station->command = station->robot_server.wait(until);
     }
+    if (!awaited() || clock_.now() >= until) return;
+    serve();
   }
 }
 
@@ -184,33 +186,47 @@ void Cell::step(std::uint64_t cycles) {
   steps_ = cycles;
 }
 
-void Cell::require_rest(const char* wish) const {
-  for (const auto& station : stations_) {
-    if (!station->robot.moving() && !station->robot.recovering() && !station->robot.under_way()) continue;
-    throw std::runtime_error(std::string("a motion runs: a moment can be ") + wish + " when none does");
-  }
+// --- moments --------------------------------------------------------------------------------------------------
+
+const Cell::Moment& Cell::moment(std::uint64_t number) const {
+  const auto found = moments_.find(number);
+  if (found != moments_.end()) return found->second;
+  std::string numbers;
+  for (const auto& [kept, moment] : moments_) numbers += (numbers.empty() ? "" : ", ") + std::to_string(kept);
+  throw std::runtime_error("there is no moment " + std::to_string(number) + ": it was never saved, or is forgotten; there " +
+                           (numbers.empty() ? "is none" : "are " + numbers));
 }
 
 std::uint64_t Cell::save() {
-  require_rest("saved");
-  Moment moment{world_.save(), {}};
-  for (const auto& station : stations_) moment.arms.emplace_back(station->robot, station->gripper);
-  moments_.push_back(std::move(moment));
-  return moments_.size();
+  if (moments_.size() >= kMostMoments) {
+    throw std::runtime_error(std::to_string(kMostMoments) + " moments are kept already, which is all there is room for: "
+                             "forget one first, the oldest is " + std::to_string(moments_.begin()->first));
+  }
+  Moment moment;
+  for (const auto& station : stations_) {
+    moment.arms.emplace_back(station->robot_server.save(), station->gripper_server.save());
+  }
+  moment.world = world_.save();
+  moments_.emplace(++last_moment_, std::move(moment));
+  return last_moment_;
 }
 
 void Cell::restore(std::uint64_t number) {
-  if (number == 0 || number > moments_.size()) {
-    throw std::runtime_error("moment " + std::to_string(number) + " was never saved; there are " +
-                             std::to_string(moments_.size()));
+  const Moment& moment = this->moment(number);
+  for (std::size_t i = 0; i < stations_.size(); ++i) {
+    stations_[i]->robot_server.require_restorable(moment.arms[i].first);
   }
-  require_rest("restored");
-  const Moment& moment = moments_[number - 1];
   world_.restore(*moment.world);
   for (std::size_t i = 0; i < stations_.size(); ++i) {
+    stations_[i]->command = nullptr;
     stations_[i]->robot_server.restore(moment.arms[i].first);
-    stations_[i]->gripper = moment.arms[i].second;
+    stations_[i]->gripper_server.restore(moment.arms[i].second);
   }
+}
+
+void Cell::forget(std::uint64_t number) {
+  static_cast<void>(moment(number));
+  moments_.erase(number);
 }
 
 }  // namespace sim

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <csignal>
+#include <map>
 #include <memory>
 
 #include "sim/door/gripper_server.hpp"
@@ -70,9 +71,13 @@ class Cell {
   void step(std::uint64_t cycles);
   std::uint64_t steps_left() const { return steps_; }
 
-  // Throw std::runtime_error while a motion runs or recovery, or when there is no such moment, or one of other objects.
+  // Moments: world, robots, hands and networks, kept under a number. Nothing has changed when these throw
+  // std::runtime_error, which says what is in the way: as many as are kept are there already, there is no such moment, or
+  // one of other objects, or what RobotServer says.
+  static constexpr std::size_t kMostMoments = 100;
   std::uint64_t save();
   void restore(std::uint64_t moment);
+  void forget(std::uint64_t moment);
 
  private:
   // An arm at its address.
@@ -88,7 +93,7 @@ class Cell {
   };
   struct Moment {
     std::shared_ptr<const World::Moment> world;
-    std::vector<std::pair<Robot, Gripper>> arms;
+    std::vector<std::pair<RobotServer::Moment, GripperServer::Moment>> arms;
   };
 
   void receive_commands();
@@ -98,7 +103,7 @@ class Cell {
   bool awaited(const Station& station) const;
   bool awaited() const;
   bool goes_on() const;
-  void require_rest(const char* wish) const;
+  const Moment& moment(std::uint64_t number) const;
 
   const bool lockstep_;
   const std::int64_t patience_;
@@ -113,7 +118,8 @@ class Cell {
   std::uint64_t cycle_;
   Time time_;
   std::uint64_t steps_ = 0;
-  std::vector<Moment> moments_;
+  std::map<std::uint64_t, Moment> moments_;
+  std::uint64_t last_moment_ = 0;
 };
 
 }  // namespace sim

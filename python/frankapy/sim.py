@@ -353,16 +353,28 @@ class ControlChannel:
         self._ask(resume=proto.Resume())
 
     def save(self) -> int:
-        """Keep world, robot and gripper as they are now, while no motion runs; returns a number for restore()."""
+        """Keep this moment; return its number for restore() and forget().
+
+        It holds the world, and of every arm in it the robot with its settings and errors, the hand, and the network with
+        its draw: what is lost and delayed after restore() is the same again. At most 100 moments are kept. Refused while a
+        motion is being stopped or an error recovered from.
+        """
         return self._ask(save=proto.SaveMoment()).moment
 
     def restore(self, moment: int) -> None:
-        """Go back to a moment that was saved, while no motion runs.
+        """Go back to a moment that was saved.
 
-        Its settings, errors and gripper too; the robot's message_id and its client's connection go on. Frictions stay
-        as they are, and when objects were added since, the moment is refused.
+        The robot's clients do not go back with it; their connections, the robot's message_id, Truth.cycle and frictions go
+        on. So a moment that was saved while no motion ran is restored while none runs (`fa.stop_skill()` ends what the
+        server holds), and one that was saved within a motion while that same motion runs. Its client gets the state of the
+        moment and has to go on from there: a law that follows from the state does; where the client has moved on by itself,
+        as the server does, that is a discontinuity as on the robot. When objects were added since, the moment is refused.
         """
         self._ask(restore=proto.RestoreMoment(moment=whole("moment", moment)))
+
+    def forget(self, moment: int) -> None:
+        """Make room for another moment."""
+        self._ask(forget=proto.ForgetMoment(moment=whole("moment", moment)))
 
     def disconnect(self) -> None:
         """Close the channel; the next call opens it again."""

@@ -57,8 +57,8 @@ bool GripperServer::take(std::span<const std::byte> body, Begin&& begin) {
   if (body.size() != fci::size_of<Request>(kAnyVersion)) return false;
   fci::read(kAnyVersion, body, request);
   // A command takes the place of the one under way.
-  if (under_way_) answer(under_way_->first, under_way_->second, Status::kAborted);
-  under_way_.reset();
+  abort();
+  ++commands_;
   begin(request);
   return true;
 }
@@ -97,6 +97,16 @@ void GripperServer::answer(Command command, std::uint32_t id, Status status) {
   fci::write(kAnyVersion, wire::Header{command, id, message.size()}, message);
   fci::write(kAnyVersion, wire::Response{status}, std::span(message).subspan(wire::kHeaderSize));
   client().send(message);
+}
+
+void GripperServer::abort() {
+  if (under_way_) answer(under_way_->first, under_way_->second, Status::kAborted);
+  under_way_.reset();
+}
+
+void GripperServer::restore(const Moment& moment) {
+  if (moment.command != commands_) abort();
+  gripper_ = moment.gripper;
 }
 
 void GripperServer::publish() {

@@ -57,15 +57,20 @@ bool RobotServer::connect(Connection& newcomer, std::uint32_t id, std::uint16_t 
   state_size_ = fci::size_of<fci::RobotState>(version);
   command_size_ = fci::size_of<fci::RobotCommand>(version);
   refused_datagram_ = false;
+  sent_.clear();
   robot_.set_version(version);
   // From now on the socket takes datagrams of this client only; what others left in it is dropped.
   sockaddr_in states = newcomer.peer();
   states.sin_port = htons(udp_port);
   ::connect(udp_.fd(), reinterpret_cast<const sockaddr*>(&states), sizeof states);
+  drop_datagrams();
+  return true;
+}
+
+void RobotServer::drop_datagrams() {
   std::byte dropped;
   while (::recv(udp_.fd(), &dropped, sizeof dropped, MSG_DONTWAIT) >= 0) {
   }
-  return true;
 }
 
 void RobotServer::gone() {
@@ -105,7 +110,10 @@ bool RobotServer::handle(const Header& header, std::span<const std::byte> body) 
     case Command::kMove:
       return take<fci::Move>(header, body, [&](std::uint32_t id, const fci::Move& request) {
         const Status status = robot_.start(request);
-        if (status == Status::kMotionStarted) move_ = id;
+        if (status == Status::kMotionStarted) {
+          move_ = id;
+          ++motions_;
+        }
         answer(command, id, status);
       });
     case Command::kStopMove:
@@ -174,9 +182,9 @@ const fci::RobotCommand* RobotServer::wait(std::int64_t until) {
 const fci::RobotCommand* RobotServer::receive() {
   if (!connected()) return nullptr;
   while (!delayed_commands_.empty()) {
-    const Delayed& first = delayed_commands_.front();
-    if (first.due > (period_ > 0 ? clock_.now() : static_cast<std::int64_t>(robot_.state().message_id))) break;
-    const auto* command = take(first.datagram);
+    const DelayedCommand& first = delayed_commands_.front();
+    if (first.due > network_time()) break;
+    const auto* command = take(first.what);
     delayed_commands_.erase(delayed_commands_.begin());
     if (command) return command;
   }
@@ -189,11 +197,14 @@ const fci::RobotCommand* RobotServer::receive() {
       return newest;
     }
     if (static_cast<std::size_t>(size) == command_size_) {
-      const std::span<const std::byte> whole(datagram.data(), command_size_);
-      if (robot_.moving() && held_up(whole)) continue;
-      if (const auto* command = take(whole)) {
-        if (!robot_.asynchronous()) return command;
-        newest = command;
+      fci::RobotCommand command;
+      fci::Reader reader(version_, datagram.data());
+      walk(reader, command);
+      // What would not count anyway costs no draw: when it comes depends on the computer.
+      if (robot_.expects(command) && held_up(command)) continue;
+      if (const auto* taken = take(command)) {
+        if (!robot_.asynchronous()) return taken;
+        newest = taken;
       }
     } else if (!refused_datagram_) {
       refused_datagram_ = true;
@@ -204,10 +215,7 @@ const fci::RobotCommand* RobotServer::receive() {
   return newest;
 }
 
-const fci::RobotCommand* RobotServer::take(std::span<const std::byte> datagram) {
-  fci::RobotCommand command;
-  fci::Reader reader(version_, datagram.data());
-  walk(reader, command);
+const fci::RobotCommand* RobotServer::take(const fci::RobotCommand& command) {
   if (!robot_.takes(command)) return nullptr;
   command_ = command;
   return &command_;
@@ -222,8 +230,13 @@ std::int64_t RobotServer::arrival() const {
   return time - ((now.tv_sec - came.tv_sec) * 1'000'000'000 + now.tv_nsec - came.tv_nsec);
 }
 
+// By which what is delayed is due: ns, or message_id.
+std::int64_t RobotServer::network_time() const {
+  return period_ > 0 ? clock_.now() : static_cast<std::int64_t>(robot_.state().message_id);
+}
+
 // Whether the network keeps back this command, for a time or for good.
-bool RobotServer::held_up(std::span<const std::byte> datagram) {
+bool RobotServer::held_up(const fci::RobotCommand& command) {
   const auto delay = network_.to_arm();
   if (delay && (*delay == 0 || (period_ == 0 && *delay < kCycle))) return false;
   if (!delay) {
@@ -236,23 +249,23 @@ bool RobotServer::held_up(std::span<const std::byte> datagram) {
     if (due <= clock_.now()) return false;
   } else {
     in_vain_ = true;
-    due = static_cast<std::int64_t>(robot_.state().message_id) + *delay / kCycle;
+    due = network_time() + *delay / kCycle;
   }
-  delayed_commands_.push_back({due, {datagram.begin(), datagram.end()}});
+  delayed_commands_.push_back({due, command});
   return true;
 }
 
 void RobotServer::send_delayed(std::int64_t now) {
-  std::erase_if(delayed_states_, [&](const Delayed& state) {
+  std::erase_if(delayed_states_, [&](const DelayedState& state) {
     if (state.due > now) return false;
-    ::send(udp_.fd(), state.datagram.data(), state.datagram.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+    ::send(udp_.fd(), state.what.data(), state.what.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
     return true;
   });
 }
 
 std::optional<std::int64_t> RobotServer::next_delayed() const {
   std::optional<std::int64_t> next;
-  for (const Delayed& state : delayed_states_) next = std::min(next.value_or(state.due), state.due);
+  for (const DelayedState& state : delayed_states_) next = std::min(next.value_or(state.due), state.due);
   return next;
 }
 
@@ -260,23 +273,40 @@ void RobotServer::publish(std::int64_t period) {
   period_ = period;
   in_vain_ = false;
   if (!connected()) return;
-  std::array<std::byte, fci::kMaxStateSize> datagram;
-  fci::Writer writer(version_, datagram.data());
-  walk(writer, robot_.state());
   const auto delay = robot_.moving() ? network_.from_arm() : 0;
   if (delay && (*delay == 0 || (period == 0 && *delay < kCycle))) {
-    ::send(udp_.fd(), datagram.data(), state_size_, MSG_DONTWAIT | MSG_NOSIGNAL);
+    send_state();
   } else {
     in_vain_ = period == 0;
-    const auto id = static_cast<std::int64_t>(robot_.state().message_id);
-    const auto whole = datagram.begin() + static_cast<std::ptrdiff_t>(state_size_);
     if (delay) {
-      const std::int64_t due = period > 0 ? clock_.now() + *delay * period / kCycle : id + *delay / kCycle;
-      delayed_states_.push_back({due, {datagram.begin(), whole}});
+      const std::int64_t due = network_time() + (period > 0 ? *delay * period / kCycle : *delay / kCycle);
+      write_state(delayed_states_.emplace_back(due, std::vector<std::byte>{}).what);
     }
   }
-  if (period == 0 && !delayed_states_.empty()) send_delayed(static_cast<std::int64_t>(robot_.state().message_id));
+  if (period == 0 && !delayed_states_.empty()) send_delayed(network_time());
+  settle();
+}
 
+void RobotServer::repeat() {
+  if (!connected()) return;
+  if (sent_.empty()) write_state(sent_);
+  ::send(udp_.fd(), sent_.data(), sent_.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+  settle();
+}
+
+void RobotServer::write_state(std::vector<std::byte>& datagram) const {
+  datagram.resize(state_size_);
+  fci::Writer writer(version_, datagram.data());
+  walk(writer, robot_.state());
+}
+
+void RobotServer::send_state() {
+  write_state(sent_);
+  ::send(udp_.fd(), sent_.data(), sent_.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+}
+
+// Answers that the robot's state makes true.
+void RobotServer::settle() {
   const auto settle = [&](std::optional<std::uint32_t>& id, Command command, Status status) {
     if (id) answer(command, *id, status);
     id.reset();
@@ -292,12 +322,52 @@ void RobotServer::publish(std::int64_t period) {
   if (!robot_.recovering()) settle(recovery_, Command::kAutomaticErrorRecovery, robot_.recovered());
 }
 
-void RobotServer::restore(const Robot& moment) {
+// --- moments --------------------------------------------------------------------------------------------------
+
+void RobotServer::require_settled(const char* wish) const {
+  if (!stop_ && !recovery_ && move_.has_value() == robot_.moving()) return;
+  throw std::runtime_error(std::string("a motion is being stopped or an error recovered from: a moment can be ") + wish +
+                           " when that is over");
+}
+
+RobotServer::Moment RobotServer::save() const {
+  require_settled("saved");
+  Moment moment{robot_, move_ ? motions_ : 0, network_, in_vain_, delayed_states_, delayed_commands_};
+  const std::int64_t now = network_time();
+  for (auto& state : moment.delayed_states) state.due -= now;
+  for (auto& command : moment.delayed_commands) command.due -= now;
+  return moment;
+}
+
+void RobotServer::require_restorable(const Moment& moment) const {
+  require_settled("restored");
+  const std::uint64_t motion = move_ ? motions_ : 0;
+  if (motion == moment.motion) return;
+  throw std::runtime_error(moment.motion == 0
+                               ? "a motion runs, and its client would go on with it: end it before a moment is restored "
+                                 "that was saved while none ran"
+                               : "that moment was saved within a motion which no longer runs, and its client is not taken "
+                                 "back with the arm: restore it while that motion runs, or save moments while none runs");
+}
+
+void RobotServer::restore(const Moment& moment) {
   const std::uint64_t id = robot_.state().message_id;
   std::destroy_at(&robot_);
-  std::construct_at(&robot_, moment);
+  std::construct_at(&robot_, moment.robot);
   robot_.continue_from(id);
   robot_.set_version(version_);
+  network_ = moment.network;
+  in_vain_ = moment.in_vain;
+  if (moment.motion != 0) {
+    robot_.continue_from(id + 1);
+    drop_datagrams();
+    if (!in_vain_) send_state();
+  }
+  const std::int64_t now = network_time();
+  delayed_states_ = moment.delayed_states;
+  delayed_commands_ = moment.delayed_commands;
+  for (auto& state : delayed_states_) state.due += now;
+  for (auto& command : delayed_commands_) command.due += now;
 }
 
 }  // namespace sim

@@ -23,17 +23,28 @@ class RobotServer : public Port {
   // The command for the robot's last state is lost, or will come too late.
   bool in_vain() const { return in_vain_; }
 
-  // Sends the robot's state, then the answers that it makes true. `period` (ns of the wall) is how long a cycle takes;
+  // Sends the robot's new state, then the answers that it makes true. `period` (ns of the wall) is how long a cycle takes;
   // 0: as long as its command does, and what is delayed comes cycles later.
   void publish(std::int64_t period);
+  // Sends the last one again, as a sign of life.
+  void repeat();
   // Sends what the network has held up until now.
   void send_delayed(std::int64_t now);
   // When there is such (ns, of the clock).
   std::optional<std::int64_t> next_delayed() const;
 
   Network& network() { return network_; }
-  // The robot becomes what it was; it goes on with its client and its count of states.
-  void restore(const Robot& moment);
+
+  // Robot and network as they are now, and what is under way between them and the client.
+  struct Moment;
+  // Throws std::runtime_error while the client waits for the end of a motion that is being stopped, or of a recovery.
+  Moment save() const;
+  // Throws std::runtime_error which says why the client, who is not taken back with the robot, could not go on from that
+  // moment: another motion runs now than then, or one is being stopped.
+  void require_restorable(const Moment& moment) const;
+  // The robot becomes what it was; it goes on with its client and its count of states. In a motion the client has the
+  // state of that moment at once, under a new message_id, and what it has commanded before counts for nothing.
+  void restore(const Moment& moment);
 
  private:
   Header read_header(std::span<const std::byte> bytes) const override;
@@ -47,9 +58,15 @@ class RobotServer : public Port {
   template <class Request>
   bool set(const Header& header, std::span<const std::byte> body);
   void answer(fci::Command command, std::uint32_t id, fci::Status status, std::span<const std::byte> more = {});
-  const fci::RobotCommand* take(std::span<const std::byte> datagram);
-  bool held_up(std::span<const std::byte> datagram);
+  const fci::RobotCommand* take(const fci::RobotCommand& command);
+  bool held_up(const fci::RobotCommand& command);
   std::int64_t arrival() const;
+  std::int64_t network_time() const;
+  void require_settled(const char* wish) const;
+  void drop_datagrams();
+  void write_state(std::vector<std::byte>& datagram) const;
+  void send_state();
+  void settle();
 
   const models::Arm& arm_;
   std::optional<fci::Version> only_;
@@ -61,17 +78,32 @@ class RobotServer : public Port {
   std::size_t state_size_ = 0, command_size_ = 0;         // bytes
   bool refused_datagram_ = false;
   std::optional<std::uint32_t> move_, stop_, recovery_;  // ids of requests to be answered when a state has shown it
+  std::uint64_t motions_ = 0;                            // that have been accepted
 
   fci::RobotCommand command_;
+  std::vector<std::byte> sent_;  // the last state
 
+  template <class What>
   struct Delayed {
     std::int64_t due;  // ns, or message_id
-    std::vector<std::byte> datagram;
+    What what;
   };
+  using DelayedState = Delayed<std::vector<std::byte>>;
+  using DelayedCommand = Delayed<fci::RobotCommand>;
   Network network_;
-  std::vector<Delayed> delayed_states_, delayed_commands_;
+  std::vector<DelayedState> delayed_states_;
+  std::vector<DelayedCommand> delayed_commands_;
   std::int64_t period_ = 0;
   bool in_vain_ = false;
+};
+
+struct RobotServer::Moment {
+  Robot robot;
+  std::uint64_t motion;  // that its client was in; 0: none
+  Network network;
+  bool in_vain;
+  std::vector<DelayedState> delayed_states;  // due after the moment
+  std::vector<DelayedCommand> delayed_commands;
 };
 
 }  // namespace sim

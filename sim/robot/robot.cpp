@@ -186,16 +186,19 @@ void Robot::clear_errors() {
 
 // --- the cycle ------------------------------------------------------------------------------------------------
 
+bool Robot::expects(const fci::RobotCommand& command) const {
+  const std::uint64_t id = command.message_id;
+  if (phase_ != Phase::kMoving || id <= motion_.accepted_at || id > state_.message_id) return false;
+  return motion_.asynchronous ? id >= motion_.echoed : id == state_.message_id;
+}
+
 bool Robot::takes(const fci::RobotCommand& command) {
-  if (phase_ != Phase::kMoving || command.message_id <= motion_.accepted_at) return false;
-  if (command.message_id > state_.message_id) return false;
-  if (motion_.asynchronous) {
-    if (command.message_id < motion_.echoed) return false;
-    motion_.echoed = command.message_id;
-    return true;
-  }
-  motion_.begun = true;
-  return command.message_id == state_.message_id;
+  const bool expected = expects(command);
+  const std::uint64_t id = command.message_id;
+  // Late ones count as well.
+  if (phase_ == Phase::kMoving && id > motion_.accepted_at && id <= state_.message_id) motion_.begun = true;
+  if (expected) motion_.echoed = id;
+  return expected;
 }
 
 void Robot::advance_phase(const fci::RobotCommand* command) {

@@ -83,6 +83,8 @@ class Robot {
   // than the motion. Anything else is late, or meant for an earlier motion. In an asynchronous motion the state may be
   // any since the last command.
   bool takes(const fci::RobotCommand& command);
+  // The same, of a command that may yet be lost on its way.
+  bool expects(const fci::RobotCommand& command) const;
   // A motion whose client has begun to command it: from here on a cycle without a command has lost it.
   bool awaits_command() const { return phase_ == Phase::kMoving && motion_.begun && !motion_.asynchronous; }
   // A motion to the newest target, whose commands come when they come.

@@ -225,18 +225,51 @@ def test_a_saved_moment_comes_back(sim, fa):
     sim.resume()
     fa.goto_joints(HOME, duration=1)
     np.testing.assert_allclose(sim.truth().q, HOME, atol=0.01)
-    with pytest.raises(FrankaArmArgumentError, match="never saved"):
-        sim.restore(999)
+    sim.forget(moment)
+    for gone in (moment, 999):
+        with pytest.raises(FrankaArmArgumentError, match=f"no moment {gone}: it was never saved, or is forgotten"):
+            sim.restore(gone)
 
 
-def test_no_moment_while_a_motion_runs(sim, fa):
+def test_a_moment_of_a_motion_is_restored_in_that_motion_alone(sim, fa):
     fa.goto_joints(HOME, duration=1)
-    fa.goto_joints(np.array(HOME) + 0.1, duration=3600, block=False)
-    until(lambda: sim.truth().moving)
-    with pytest.raises(FrankaArmArgumentError, match="a motion runs"):
-        sim.save()
     fa.stop_skill()
     until(lambda: not sim.truth().moving)
+    resting = sim.save()
+    fa.run_guide_mode(3600, block=False)  # torques of an arm that nobody leads: none that could leap
+    until(lambda: sim.truth().moving)
+    begun = sim.truth().cycle
+    until(lambda: sim.truth().cycle > begun + 300)
+    moving = sim.save()
+    before = sim.truth()
+    with pytest.raises(FrankaArmArgumentError, match="a motion runs, and its client would go on with it"):
+        sim.restore(resting)
+    sim.move_object("block", [0.6, 0.3, 0.02])
+    sim.restore(moving)
+    after = sim.truth()
+    np.testing.assert_allclose(after.objects["block"], before.objects["block"], atol=1e-5)
+    assert after.message_id > before.message_id
+    until(lambda: sim.truth().cycle > after.cycle + 300)
+    assert sim.truth().moving and not fa.is_skill_done(ignore_errors=False)
+    fa.stop_skill()
+    until(lambda: not sim.truth().moving)
+    with pytest.raises(FrankaArmArgumentError, match="a motion which no longer runs"):
+        sim.restore(moving)
+    sim.restore(resting)
+    sim.forget(moving)
+    sim.forget(resting)
+    fa.goto_joints(HOME, duration=1)
+
+
+def test_of_moments_there_is_a_most(paused):
+    kept = []
+    with pytest.raises(FrankaArmArgumentError, match="100 moments are kept already.*forget one first, the oldest is"):
+        for _ in range(101):
+            kept.append(paused.save())
+    paused.forget(kept.pop(0))
+    kept.append(paused.save())
+    for moment in kept:
+        paused.forget(moment)
 
 
 # --- people and things -----------------------------------------------------------------------------------------------
