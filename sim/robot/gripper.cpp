@@ -14,6 +14,9 @@ using models::hand::kMaxWidth;
 
 constexpr double kDt = 0.001;  // s
 
+// Data sheet of the hand: beside the force that it can exert for ever.
+constexpr double kPeakForce = 140;  // N
+
 // What Franka does not publish: a drive as stiff as a screw or rack is, at its limits of what 1 kHz can hold.
 constexpr double kStiffness = 8000;       // N/m, of each finger
 constexpr double kDamping = 55;           // N s/m
@@ -22,9 +25,10 @@ constexpr double kHomingForce = 20;       // N
 constexpr double kStillVelocity = 0.001;  // m/s of each finger
 constexpr int kStill = 60;                // cycles after which fingers that do not move have arrived
 constexpr double kArrived = 0.001;        // m of width
-// The drive warms up with the square of its force.
+// The drive warms up with the square of its force. More than the continuous force it exerts while it is cooler than that
+// one would make it.
 constexpr double kTemperature = 30;   // °C, at rest
-constexpr double kWarming = 25;       // K, at the greatest force for ever
+constexpr double kWarming = 25;       // K, at the continuous force for ever
 constexpr double kWarmingTime = 900;  // s
 
 }  // namespace
@@ -39,17 +43,16 @@ void Gripper::move(const fci::gripper::Move& request) {
 }
 
 void Gripper::grasp(const fci::gripper::Grasp& request) {
-  if (!(request.width >= 0 && request.width <= kMaxWidth + kArrived) || !(request.speed > 0) || !(request.force > 0) ||
-      !(request.epsilon_inner >= 0) || !(request.epsilon_outer >= 0)) {
+  if (!(request.width >= 0 && request.width <= kMaxWidth + kArrived) || !(request.speed > 0) ||
+      !(request.force > 0 && request.force <= kPeakForce) || !(request.epsilon_inner >= 0) || !(request.epsilon_outer >= 0)) {
     return end(Status::kFail);
   }
   grasp_ = request;
   // Fingers that are narrower than the object take hold of it from inside. The goal lies so far beyond what stops
   // them that the force is reached there.
-  const double force = std::min(request.force, kMaxForce);
-  const double beyond = 2 * force / kStiffness;
+  const double beyond = 2 * request.force / kStiffness;
   const bool close = request.width - request.epsilon_inner <= state_.width;
-  begin(Task::kGrasp, close ? -beyond : kMaxWidth + beyond, request.speed, force);
+  begin(Task::kGrasp, close ? -beyond : kMaxWidth + beyond, request.speed, request.force);
 }
 
 void Gripper::stop() {
@@ -82,6 +85,7 @@ std::array<double, 2> Gripper::control(const std::array<double, 2>& finger) {
   before_ = finger;
   const double x = (finger[0] + finger[1]) / 2, v = (velocity[0] + velocity[1]) / 2;
 
+  if (temperature_ >= kTemperature + kWarming) force_ = std::min(force_, kMaxForce);
   // The spring is never drawn further than for its greatest force.
   const double reach = force_ / kStiffness;
   const double from = reference_;
