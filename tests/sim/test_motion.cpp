@@ -279,6 +279,28 @@ TEST(Motion, FinishingWhileMovingIsAReflex) {
   expect_reflex(client, Error::kJointVelocityDiscontinuity);
 }
 
+TEST(Motion, FinishingUnderTorquesWhileTheArmMovesIsAReflex) {
+  struct Case {
+    int version;
+    Mode generator;
+  };
+  for (const Case& motion : {Case{10, Mode::kNone}, {10, Mode::kJointPosition}, {10, Mode::kCartesianVelocity},
+                             {5, Mode::kJointVelocity}}) {
+    DrivenArm arm(motion.version == 5 ? "fer" : "fr3", lockstep(true));
+    RawClient client(arm, static_cast<fci::Version>(motion.version));
+    client.start({.controller_mode = ControllerMode::kExternal, .motion_generator_mode = motion.generator});
+    // The reference rests, and the last joint is turned; as fast as 0.1 rad/s counts as moving.
+    fci::RobotCommand command = client.hold();
+    command.tau_J_d[6] = 0.5;
+    for (int i = 0; i < 500 && client.state.dq[6] < 0.3; ++i) client.drive(1, [&](int) { return command; });
+    ASSERT_GT(client.state.dq[6], 0.3);
+    ASSERT_EQ(client.state.robot_mode, RobotMode::kMove);
+    command.motion_generation_finished = command.torque_command_finished = true;
+    client.send(command);
+    expect_reflex(client, Error::kJointVelocityDiscontinuity);
+  }
+}
+
 TEST(Motion, ACommandThatIsNoneEndsIt) {
   DrivenArm arm("fr3", lockstep());
   const double nan = std::numeric_limits<double>::quiet_NaN();

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <filesystem>
 
+#include "sim/external_force.hpp"
+#include "sim/sensors.hpp"
 #include "tests/sim/arm_rig.hpp"
 
 namespace sim {
@@ -136,6 +138,71 @@ TEST(OurScenes, ADoorOpensByItsHandle) {
   for (int i = 1; i <= 10; ++i) reach(handle(0.05 * i), 0.4);
   rig.hold(0.5);
   EXPECT_NEAR(angle_of_door(), 0.5, 0.05);
+}
+
+// Across the tilted board and back, with a force along its normal that is commanded, by fingers on which its friction is 0.3.
+TEST(OurScenes, ABoardIsWipedWithTheForceThatIsCommandedAndTheRobotFeelsIt) {
+  constexpr double kForce = 12, kTilt = 20 * M_PI / 180;
+  const Eigen::Vector3d normal(-std::sin(kTilt), 0, std::cos(kTilt));
+  for (const char* name : {"fer", "fr3"}) {
+    World::Options options = ideal(models::arm(name));
+    options.scene = "wiping";
+    ArmRig rig(options);
+    Sensors sensors(*options.arm, false, 1);
+    ExternalForce felt;
+    rig.cartesian = true;
+    rig.grip = -10;
+    const auto over = [&](double y, double height) {
+      Eigen::Matrix4d pose = Eigen::Matrix4d::Identity();
+      pose.topLeftCorner<3, 3>() = Eigen::AngleAxisd(-kTilt, Eigen::Vector3d::UnitY()).toRotationMatrix() *
+                                   Eigen::Vector3d(1, -1, -1).asDiagonal();
+      pose.topRightCorner<3, 1>() = Eigen::Vector3d(0.55, y, 0.1) + height * normal;
+      return pose;
+    };
+    rig.move(over(-0.12, 0.06), 2);
+    rig.move(over(-0.12, 0.004), 1);
+    rig.controller.K_x << 1500, 1500, 0, 150, 150, 150;  // along the hand's axes: none along the normal
+    // Wrenches of the world on the hand, in truth and as felt: sums over the cycles.
+    Wrench real = Wrench::Zero(), estimated = Wrench::Zero();
+    const auto press = [&] {
+      rig.model.update(rig.q(), rig.dq());
+      const auto J = rig.model.jacobian(rig.F_T_EE.topRightCorner<3, 1>());
+      const double along = normal.dot((J * rig.dq()).head<3>());
+      Wrench push = Wrench::Zero();
+      push.head<3>() = -(kForce + 20 * along) * normal;
+      const Joints tau = rig.controller.cartesian_impedance(rig.model, rig.F_T_EE, rig.q(), rig.dq(), rig.generator.desired()) +
+                         J.transpose() * push;
+      rig.world.step(array(tau + rig.model.gravity()), {rig.grip, rig.grip});
+      sensors.read(rig.world.truth());
+      rig.model.update(sensors.q, sensors.dq);
+      felt.update(rig.model, sensors, rig.F_T_EE);
+      real += Wrench(rig.world.truth().contact_wrench.data());
+      estimated -= felt.O_F_K;
+    };
+    for (int i = 0; i < 1000; ++i) press();
+    for (const double way : {0.24, -0.24}) {
+      const Eigen::Matrix4d from = rig.generator.desired().O_T_EE_d;
+      Eigen::Matrix4d to = from;
+      to(1, 3) += way;
+      rig.generator.start(fci::MotionGeneratorMode::kCartesianPosition, rig.generator.desired().q, rig.F_T_EE);
+      constexpr int kCycles = 3000, kWindow = 200;
+      int windows = 0;
+      for (int i = 1; i <= kCycles; ++i) {
+        rig.generator.step(ArmRig::pose_command(ArmRig::between(from, to, ArmRig::minimum_jerk(double(i) / kCycles))));
+        press();
+        if (i % kWindow != 0) continue;
+        const Eigen::Vector3d truth = real.head<3>() / kWindow, estimate = estimated.head<3>() / kWindow;
+        real.setZero();
+        estimated.setZero();
+        if (i < 800 || i > kCycles - 600) continue;  // it comes to slide, and to rest
+        ++windows;
+        EXPECT_NEAR(truth.dot(normal), kForce, 0.05 * kForce) << name << " " << way << " cycle " << i;
+        EXPECT_NEAR(truth[1], (way > 0 ? -0.3 : 0.3) * truth.dot(normal), 0.05 * kForce) << name << " " << way << " cycle " << i;
+        EXPECT_LT((estimate - truth).norm(), 1 + 0.05 * truth.norm()) << name << " " << way << " cycle " << i;
+      }
+      EXPECT_GT(windows, 5);
+    }
+  }
 }
 
 // Arms in one world meet each other.
