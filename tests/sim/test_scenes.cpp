@@ -4,8 +4,8 @@
 #include <cmath>
 #include <filesystem>
 
-#include "sim/external_force.hpp"
-#include "sim/sensors.hpp"
+#include "sim/robot/external_force.hpp"
+#include "sim/robot/sensors.hpp"
 #include "tests/sim/arm_rig.hpp"
 
 namespace sim {
