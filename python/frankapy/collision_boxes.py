@@ -154,3 +154,15 @@ def place(wall: Any, point: Floats) -> str:
         return f"{'xyz'[axis]} = {point[axis]:.3f} m, and one of the virtual walls is at {pose[axis, 3]:g} m"
     text = ", ".join(f"{value:.3f}" for value in point)
     return f"[{text}] m, {abs(outward @ (point - pose[:3, 3])):.3f} m behind the middle of one of the virtual walls"
+
+
+def check(walls: Any, what: str, **points: np.ndarray) -> None:
+    """Raise FrankaArmArgumentError where `what` brings points (m, (n, 3), by what is there) behind the WORKSPACE_WALLS."""
+    for name, where in points.items():
+        found = behind(walls, where, whole_wall=name == "arm")
+        if found is not None:
+            wall, point = found
+            raise FrankaArmArgumentError(
+                f"{what} would bring the {name.replace('_', ' ')} to {place(walls[wall], where[point])} "
+                f"(FrankaConstants.WORKSPACE_WALLS[{wall}]). ignore_virtual_walls=True goes there all the same"
+            )

@@ -16,6 +16,7 @@ from google.protobuf.message import Message
 
 from frankapy import proto
 from frankapy.demonstration import Demonstration, read_npz, unpickle, write_npz
+from frankapy.dmp_dictionaries import KEYS
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
 from frankapy.validation import number, vector
@@ -33,7 +34,6 @@ _STEPS = 2000  # of a rollout: some hundredths of the spring's own time
 _SAMPLES = 1000  # of a demonstration that is fitted
 _WAYPOINTS = 40  # of a rollout that joints are found for
 _FORMAT = "frankapy primitive 1"
-KEYS = ("tau", "alpha", "beta", "num_basis", "num_sensors", "mu", "h", "weights")  # of the dictionaries of scripts
 Rollout = tuple[np.ndarray, np.ndarray]
 
 

@@ -5,26 +5,81 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
+from typing import Any
 
 from frankapy import interrupts, proto
-from frankapy.connection import Call, Connection
-from frankapy.exceptions import FrankaArmException
+from frankapy.channel import Call
+from frankapy.connection import Connection
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
+from frankapy.franka_constants import FrankaConstants as FC
+from frankapy.validation import number, validate
 
 logger = logging.getLogger("frankapy")
 
 _STOP_TIME = 3.0  # s after which an interrupted call no longer waits for the fingers
 _STATE_TIME, _TICK = 0.2, 0.005  # s: in which the hand has told of what it did, some 30 times a second; between looks
 
+HOMING = proto.GripperCommand(homing=proto.GripperCommand.Homing())
+STOP = proto.GripperCommand(stop=proto.GripperCommand.StopGripper())
+
+
+def move(width: Any, speed: Any) -> proto.GripperCommand:
+    """Return the command that brings the fingers so far apart; m, m/s."""
+    return proto.GripperCommand(move=proto.GripperCommand.Move(width=_width(width), speed=number("speed", speed)))
+
+
+def grasp(width: Any, speed: Any, force: Any, epsilon_inner: Any, epsilon_outer: Any) -> proto.GripperCommand:
+    """Return the command that closes the fingers until a force (N; 0: the usual one) is met at about a width (m)."""
+    return proto.GripperCommand(
+        grasp=proto.GripperCommand.Grasp(
+            width=_width(width),
+            speed=number("speed", speed),
+            force=number("force", force) or None,
+            epsilon_inner=number("epsilon_inner", epsilon_inner),
+            epsilon_outer=number("epsilon_outer", epsilon_outer),
+        )
+    )
+
+
+def _width(width: Any) -> float:
+    width = number("width", width)
+    if not FC.GRIPPER_WIDTH_MIN <= width <= FC.GRIPPER_WIDTH_MAX:
+        raise FrankaArmArgumentError(f"width is {width:g} m: expected {FC.GRIPPER_WIDTH_MIN} to {FC.GRIPPER_WIDTH_MAX}")
+    return float(width)
+
 
 class Hand:
-    """The hand of an arm."""
+    """The hand of an arm; of a client without a server it stays where it is, which is said."""
 
-    def __init__(self, server: Connection) -> None:
-        self._server = server
+    def __init__(self, server: Connection | None, wanted: bool) -> None:
+        """Command over `server`; `wanted`: False for an arm that is used without a hand."""
+        self._connection, self._wanted = server, wanted
         self._last: Call | None = None  # that was sent, until it was seen to have ended
+
+    @property
+    def _server(self) -> Connection:
+        if self._connection is None:
+            raise FrankaArmException("This needs a server, and this FrankaArm is offline.")
+        return self._connection
+
+    def state(self, arm: proto.ArmState) -> proto.GripperState:
+        """Return what a state of the arm says of the hand. Raises FrankaArmException where there is none."""
+        self._require()
+        if not arm.HasField("gripper"):
+            raise FrankaArmException("The server has no hand on this arm.")
+        return arm.gripper
+
+    def _require(self) -> None:
+        if not self._wanted:
+            raise FrankaArmException("This FrankaArm was made with with_gripper=False.")
 
     def command(self, command: proto.GripperCommand, block: bool, ignore_errors: bool) -> None:
         """Send a command, and wait for its end where asked to."""
+        self._require()
+        validate(command)
+        if self._connection is None:
+            logger.warning("The gripper stays: this FrankaArm is offline.")
+            return
         interruptions = interrupts.count()
         try:
             call = self._last = self._server.start(proto.Request(gripper=command))

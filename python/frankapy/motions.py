@@ -7,17 +7,25 @@ import logging
 import os
 import threading
 import time
+from collections.abc import Iterator, Sequence
+
+from google.protobuf.message import Message
 
 from frankapy import interrupts, proto
-from frankapy.connection import Call, Connection, advised
+from frankapy.channel import Call, advised
+from frankapy.connection import Connection
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
 from frankapy.progress import progress
+from frankapy.skill import any_of
+from frankapy.validation import number, validate
 
 logger = logging.getLogger("frankapy")
 
 _STRETCH_WORTH_A_WORD = 1.01
 _LONG, _TICK = 2.0, 0.1  # s: of a motion with a progress bar, between looks at it
+_COROUTINE_TICK = 0.002  # s
 _STOP_TIME = 3.0  # s after which an interrupted call no longer waits for the arm to rest
+_MAX_BLEND = 10.0  # s
 
 # What an ended skill may look like without anything being wrong.
 _GOOD_ENDINGS = (proto.TERMINATED, proto.STOPPED, proto.PREEMPTED)
@@ -62,28 +70,40 @@ class MotionSequence:
         self.blend = blend
         self.motions: list[tuple[Motion, bool]] = []
 
-
 class Motions:
-    """What this client moves."""
+    """What this client moves; of a client without a server nothing, which it says."""
 
-    def __init__(self, server: Connection) -> None:
-        self._server = server
+    def __init__(self, server: Connection | None) -> None:
+        self._connection = server
         self._starting = threading.Lock()  # from the look at what runs to the new one
         self._judging = threading.Lock()
         self.running: Motion | None = None  # the last that was sent, until it was seen to have ended
         self.sequence: MotionSequence | None = None  # that is being made
         self.last_result = proto.SkillResult()
 
-    def run(self, skill: proto.Skill, duration: float, block: bool, ignore_errors: bool, preempt: bool) -> None:
-        """Send a skill, which was asked to take `duration` (s), and wait for its end where asked to."""
+    @property
+    def _server(self) -> Connection:
+        if self._connection is None:
+            raise FrankaArmException("This needs a server, and this FrankaArm is offline.")
+        return self._connection
+
+    def run(
+        self, skill: proto.Skill, duration: float, block: bool, ignore_errors: bool, preempt: bool
+    ) -> proto.SkillResult | None:
+        """Send a skill, which was asked to take `duration` (s); where asked to, wait for its end and return its result."""
+        if self._connection is None:
+            logger.warning("%s is not made: this FrankaArm is offline.", skill.description or "The skill")
+            return None
         interruptions = interrupts.count()
         try:
             with self._starting:
                 motion = self._start(skill, duration, ignore_errors, preempt)
             if interrupts.count() != interruptions:  # in another thread, before this was sent
                 self._server.stop_commands()
-            if block and self.sequence is None:
-                self.wait(motion, ignore_errors)
+            if not block or self.sequence is not None:
+                return None
+            self.wait(motion, ignore_errors)
+            return self.last_result
         except (KeyboardInterrupt, SystemExit):
             self._server.stop_commands()
             raise
@@ -114,6 +134,78 @@ class Motions:
         if sequence is not None:
             sequence.motions.append((motion, ignore_errors))
         return motion
+
+    def change(self, trajectory: Message | None, controller: Message | None, until: Message | Sequence[Message]) -> None:
+        """Give the motion that runs other parts; None and () leave what it has."""
+        motion = self.running
+        if motion is None or self.is_done():
+            raise FrankaArmException("No skill of this client runs: there is nothing to change.")
+        change = proto.ChangeSkill(skill_id=motion.id)
+        if trajectory is not None:
+            validate(trajectory)
+            change.trajectory.Pack(trajectory)
+        if controller is not None:
+            validate(controller)
+            change.controller.Pack(controller)
+        for termination in any_of(until):
+            validate(termination)
+            change.terminations.add().Pack(termination)
+        self._server.ask(proto.Request(change_skill=change))
+
+    @contextlib.contextmanager
+    def in_sequence(self, blend: float) -> Iterator[list[proto.SkillResult]]:
+        """Queue the motions that are called for inside, and wait for all of them at the end; gives the list of their results."""
+        blend = number("blend", blend)
+        if not 0 <= blend <= _MAX_BLEND:
+            raise FrankaArmArgumentError(f"blend is {blend:g} s: expected 0 to {_MAX_BLEND:g} s")
+        if self.sequence is not None:
+            raise FrankaArmArgumentError("A sequence is being made already: end it before another one begins.")
+        sequence = self.sequence = MotionSequence(blend)
+        results: list[proto.SkillResult] = []
+        try:
+            yield results
+        except BaseException:
+            self.sequence = None
+            self.stop()
+            raise
+        self.sequence = None
+        failure: FrankaArmException | None = None
+        for motion, ignore_errors in sequence.motions:
+            try:
+                self.wait(motion, ignore_errors)
+            except FrankaArmException as error:
+                failure = failure or error
+            if motion.ended is not None:
+                results.append(motion.ended)
+        if failure is not None:
+            raise failure
+
+    def stop(self) -> None:
+        """Bring the arm to rest, whoever moves it, and wait until the motion of this client has ended."""
+        if self._connection is not None:
+            self._connection.ask(proto.Request(stop_skill=proto.StopSkill()))
+            self.wait_for_last()
+
+    def wait_for_last(self) -> None:
+        """Return when the motion that was last sent has ended, however it ended."""
+        if (motion := self.running) is not None:
+            self.wait(motion, ignore_errors=True)
+
+    async def finished(self, ignore_errors: bool) -> proto.SkillResult:
+        """Wait in a coroutine for the end of the motion that was last sent, which is stopped where the coroutine is cancelled."""
+        import asyncio  # which takes its time
+
+        if (motion := self.running) is not None:
+            try:
+                while motion.result(timeout=0) is None:
+                    await asyncio.sleep(_COROUTINE_TICK)
+            except asyncio.CancelledError:
+                self._server.send(proto.Request(stop_skill=proto.StopSkill()))
+                raise
+            except FrankaArmException:
+                pass  # found again below
+            await asyncio.to_thread(self.wait, motion, ignore_errors)
+        return self.last_result
 
     def wait(self, motion: Motion, ignore_errors: bool) -> None:
         """Wait for the end of a motion and judge it, once.

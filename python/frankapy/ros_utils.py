@@ -1,4 +1,4 @@
-"""BoxesPublisher of the published interface."""
+"""What of the published interface is shown in rviz, where scripts run with ROS."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from frankapy import collision_boxes
 from frankapy.collision_boxes import rotation_from_rpy
 from frankapy.exceptions import FrankaArmArgumentError
+from frankapy.franka_constants import FrankaConstants as FC
+from frankapy.poses import quaternion
 from frankapy.rigid_transform import RigidTransform
 
 
@@ -52,3 +55,23 @@ class BoxesPublisher:
             grey.r, grey.g, grey.b, grey.a = 0.5, 0.5, 0.5, 0.6
             markers.append(marker)
         self._publisher.publish(MarkerArray(markers))
+
+
+def publish_joints(joints: np.ndarray, robot_num: int) -> None:
+    """Publish joints (rad, (7,)) for rviz, under franka_virtual_joints_<number of the arm>; without ROS nobody would look."""
+    try:
+        import rospy
+        from sensor_msgs.msg import JointState
+    except ImportError:
+        return
+    message = JointState()
+    message.header.stamp = rospy.Time.now()
+    message.name, message.position = list(FC.JOINT_NAMES), [*joints.tolist(), 0.0, 0.0]
+    rospy.Publisher(f"franka_virtual_joints_{robot_num}", JointState, queue_size=10).publish(message)
+
+
+def publish_arm_boxes(joints: np.ndarray, robot_num: int) -> None:
+    """Publish the arm's boxes at `joints` (rad, (7,)) for rviz, under franka_collision_boxes_<number of the arm>."""
+    poses = collision_boxes.poses_at(joints)
+    boxes = [np.r_[pose[:3, 3], quaternion(pose), size] for pose, size in zip(poses, collision_boxes.SHAPES, strict=True)]
+    BoxesPublisher(f"franka_collision_boxes_{robot_num}").publish_boxes(boxes)

@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from google.protobuf.message import Message
 
 from frankapy import parts, proto
 from frankapy.exceptions import FrankaArmArgumentError
-from frankapy.validation import number, validate
+from frankapy.validation import number, text, validate
+
+_LONGEST_DESCRIPTION = 1000  # bytes; it goes with every state
+
+
+def any_of(until: Message | Sequence[Message]) -> list[Message]:
+    """Return terminations as the server takes them: any of them."""
+    terminations: list[Message] = []
+    if not isinstance(until, (Message, Iterable)):
+        raise FrankaArmArgumentError(f"until is {until!r}: expected terminations, such as Time(4)")
+    for end in [until] if isinstance(until, Message) else list(until):
+        if isinstance(end, proto.AnyOf):
+            terminations += [_unpacked(part) for part in end.of]
+        else:
+            terminations.append(end)
+    return terminations
+
+
+def _unpacked(part: Any) -> Message:
+    message: Message = getattr(proto, part.TypeName().rsplit(".", 1)[-1])()
+    part.Unpack(message)
+    return message
 
 
 def make_skill(
@@ -34,7 +56,7 @@ def make_skill(
         )
     parts.check_fit(trajectory, controller, robot_controller)
     skill = proto.Skill(
-        description=description,
+        description=text("skill_desc", description, _LONGEST_DESCRIPTION),
         robot_controller=robot_controller.upper(),
         speed=number("speed", speed),
     )

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import math
+import os
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
+from typing import Any
 
+import numpy as np
 import zmq
 from google.protobuf.field_mask_pb2 import FieldMask
 
-from frankapy import proto
-from frankapy.exceptions import FrankaArmArgumentError
+from frankapy import kinematics, proto
+from frankapy.connection import Connection
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.sockets import owned_socket
+from frankapy.utils import franka_pose_to_rigid_transform
 
 _RATE = 1000  # Hz, of the arm
 _ALL = b"1\0"  # the subscription to all of every state
+_NEW = 0.003  # s, of a published state that counts as now
+_SOON = 0.05  # s, between reads for which states are listened to
+_CARTESIAN_MODES = (3, 4)  # of RobotState.motion_generator_mode: pose and velocity
 
 
 class NewestState:
@@ -96,3 +106,94 @@ class StateStream:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class StateReader:
+    """Reads the newest state: of the server, or where reads follow each other within 50 ms of what it publishes."""
+
+    def __init__(self, server: Connection | None) -> None:
+        """Read over `server`; None: states of nothing but zeros."""
+        self._server = server
+        self._newest: tuple[int, str, NewestState] | None = None  # of this process, at this endpoint
+        self._read_time = -math.inf  # of the last read
+
+    def read(self, after_ns: int) -> proto.ArmState:
+        """Return the newest state, with its age (s); it is not older than one that reached the server at `after_ns`."""
+        if self._server is None:
+            return _zeros()
+        before, self._read_time = self._read_time, time.monotonic()
+        if self._read_time - before > _SOON:
+            self.stop_listening()
+        elif (state := self._listen(self._server, after_ns)) is not None:
+            return state
+        return self._server.state()
+
+    def _listen(self, server: Connection, after_ns: int) -> proto.ArmState | None:
+        """Return the newest published state if it is new enough; the first call subscribes."""
+        endpoint = server.welcome.state_endpoint
+        if not endpoint:
+            return None
+        newest = self._newest
+        if newest is None or newest[:2] != (os.getpid(), endpoint):
+            self.stop_listening()
+            self._newest = (os.getpid(), endpoint, NewestState(endpoint))
+            return None
+        state = newest[2].read()
+        if state is None:
+            return None
+        # Clocks are never quite the same.
+        state.age = max(0.0, time.time() + server.clock_difference[0] - state.time_ns * 1e-9)
+        return state if state.age <= _NEW and state.time_ns >= after_ns else None
+
+    def stop_listening(self) -> None:
+        """Listen to published states no longer: each costs the server, the network and this computer something."""
+        newest, self._newest = self._newest, None
+        if newest is not None and newest[0] == os.getpid():
+            newest[2].close()
+
+
+def _zeros() -> proto.ArmState:
+    zeros, identity = [0.0] * 7, np.eye(4).flatten()
+    robot = proto.RobotState(
+        O_T_EE=identity, O_T_EE_d=identity, q=zeros, q_d=zeros, dq=zeros, tau_J=zeros, dtau_J=zeros,
+        O_F_ext_hat_K=zeros[:6], O_dP_EE_c=zeros[:6],
+    )  # fmt: skip
+    return proto.ArmState(robot=robot, gripper=proto.GripperState(width=0, is_grasped=False))
+
+
+def wait_for(endpoint: str, condition: Callable[[proto.ArmState], bool], timeout: float | None) -> proto.ArmState:
+    """Return the first state published at `endpoint` that fulfils a condition.
+
+    Raises FrankaArmCommException when none does within `timeout` (s; None: any time), or when no states come.
+    """
+    deadline = math.inf if timeout is None else time.monotonic() + timeout
+    with StateStream(endpoint) as states:
+        for state in states:
+            if condition(state):
+                return state
+            if time.monotonic() > deadline:
+                raise FrankaArmCommException(f"In {timeout:g} s no state fulfilled the condition.")
+    raise FrankaArmCommException("No states have come for 5 s: `frankapy status` tells why.")
+
+
+def as_dictionary(state: proto.ArmState) -> dict[str, Any]:
+    """Return a state as the dictionary of the published interface; see FrankaArm.get_robot_state."""
+    robot = state.robot
+    has_hand = state.HasField("gripper")
+    if robot.motion_generator_mode in _CARTESIAN_MODES:
+        twist = np.array(robot.O_dP_EE_c)
+    else:  # the robot is commanded none
+        twist = kinematics.jacobian(np.array(robot.q), np.zeros(3)) @ np.array(robot.dq)
+    return {
+        "cartesian_velocities": twist,
+        "pose": franka_pose_to_rigid_transform(robot.O_T_EE),
+        "pose_desired": franka_pose_to_rigid_transform(robot.O_T_EE_d),
+        "joint_torques": np.array(robot.tau_J),
+        "joint_torques_derivative": np.array(robot.dtau_J),
+        "joints": np.array(robot.q),
+        "joints_desired": np.array(robot.q_d),
+        "joint_velocities": np.array(robot.dq),
+        "gripper_width": state.gripper.width if has_hand else math.nan,
+        "gripper_is_grasped": state.gripper.is_grasped if has_hand else False,
+        "ee_force_torque": np.array(robot.O_F_ext_hat_K),
+    }

@@ -23,8 +23,8 @@ from frankapy import (
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
     RigidTransform,
+    channel,
     cli,
-    connection,
     proto,
 )
 from frankapy.sim import free_address
@@ -46,7 +46,7 @@ def arm(server):
 @pytest.fixture
 def impatient(monkeypatch):
     """Take a server for gone after 1 s of silence."""
-    monkeypatch.setattr(connection, "_SILENCE", 1.0)
+    monkeypatch.setattr(channel, "SILENCE", 1.0)
 
 
 def wait_until(condition):
@@ -450,7 +450,7 @@ def test_status_names_what_of_the_robot_was_not_taken(server, capsys):
 
 
 def test_a_read_whose_server_ended_asks_the_next_one(monkeypatch):
-    monkeypatch.setattr(connection, "_SILENCE", 60)  # s: it is not for its silence that the first is left
+    monkeypatch.setattr(channel, "SILENCE", 60)  # s: it is not for its silence that the first is left
     joints = []
     with ScriptedServer() as server:
         arm = FrankaArm(server=server.address)

@@ -1,0 +1,69 @@
+"""Guidance: an arm that yields to a hand, and what the hand has shown it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from google.protobuf.message import Message
+
+from frankapy import controllers, proto
+from frankapy.demonstration import Demonstration
+from frankapy.exceptions import FrankaArmException
+from frankapy.motions import Motion
+from frankapy.progress import progress
+from frankapy.states import StateStream
+from frankapy.validation import number
+
+FIELDS = ["robot.message_id", "robot.q", "robot.O_T_EE", "skill_id"]  # of the states that a demonstration is made of
+
+
+def held(
+    duration: Any,
+    use_joints: bool,
+    use_impedance: bool,
+    use_ee_frame: bool,
+    cartesian_impedances: Any,
+    joint_impedances: Any,
+    k_gains: Any,
+    d_gains: Any,
+) -> tuple[Message, Message]:
+    """Return trajectory and controller of selective_guidance_mode."""
+    duration = number("duration", duration)
+    if use_joints:
+        controller = controllers.of_joints(use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains)
+        return proto.StayJoint(duration=duration), controller
+    controller = controllers.of_pose(use_impedance, cartesian_impedances, joint_impedances)
+    if use_ee_frame and isinstance(controller, proto.CartesianImpedance):
+        controller.frame = proto.CartesianImpedance.END_EFFECTOR
+    return proto.StayPose(duration=duration), controller
+
+
+def shown(states: StateStream, motion: Motion | None, duration: float, stop: Callable[[], None]) -> list[proto.ArmState]:
+    """Return the states of a motion until its end; Ctrl-C ends it by `stop`."""
+    if motion is None:
+        raise FrankaArmException("Nothing runs in which the arm could be led.")
+    rows: list[proto.ArmState] = []
+    try:
+        with progress(duration, "demonstrate", unit="s") as bar:
+            for state in states:
+                if state.skill_id == motion.id:
+                    rows.append(state)
+                    bar.update(0.001)
+                elif rows:
+                    break
+    except KeyboardInterrupt:
+        stop()
+    return rows
+
+
+def demonstration_of(rows: Sequence[proto.ArmState]) -> Demonstration:
+    """Return what states have shown. Raises FrankaArmException where there are none."""
+    if len(rows) < 2:
+        raise FrankaArmException("No states have come: `frankapy status` tells why.")
+    return Demonstration.of_states(
+        np.array([state.robot.message_id for state in rows]) * 1e-3,
+        np.array([state.robot.q for state in rows]),
+        np.array([state.robot.O_T_EE for state in rows]),
+    )
