@@ -78,6 +78,7 @@ class Call:
         self._first_reply: proto.Reply | None = None
         self._last_reply: proto.Reply | None = None
         self._failure: str | None = None
+        self.sent = 0.0  # by time.perf_counter()
         self._pid = os.getpid()
 
     def first(self) -> proto.Reply:
@@ -206,6 +207,7 @@ class Channel:
         dealer.connect(self.endpoint)
         pending = self._pending
         commands = False  # whether this client may have the lease
+        shortest_trip = 0.0  # s; 0: none yet
         unanswered_since: float | None = None
         next_alive = 0.0
         reason = ""
@@ -217,6 +219,8 @@ class Channel:
         def transmit(call: Call) -> None:
             nonlocal unanswered_since
             pending[call.request.request_id] = call  # those of this thread too
+            call.sent = time.perf_counter()
+            call.request.sent_ns, call.request.way_ns = time.time_ns(), round(shortest_trip * 1e9 / 2)
             dealer.send(call.request.SerializeToString())
             if unanswered_since is None:
                 unanswered_since = time.monotonic()
@@ -244,6 +248,9 @@ class Channel:
                     reason = f"The arm's process does not know this client: {reply.error.message}"
                     self.lost = reason  # before the caller hears of it, who then sends over a new channel
                 call = pending.get(reply.request_id)
+                if call is not None:
+                    trip = time.perf_counter() - call.sent
+                    shortest_trip = min(shortest_trip or trip, trip)
                 if call is not None and call.answer(reply):
                     pending.pop(reply.request_id, None)
             if monitor in ready and not reason:

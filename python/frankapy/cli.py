@@ -32,6 +32,15 @@ _NOT_TAKEN = {  # by the fields of the message
     "unsent": "commands that the network did not take",
     "unasked": "answers that nobody had asked for",
 }
+_TOPIC_COUNTS = {  # by the fields of Topics.Topic
+    "received": "received",
+    "lost": "lost",
+    "out_of_order": "out of order",
+    "late": "late",
+    "stale": "stale",
+    "refused": "refused",
+    "overrun": "too many for the loop",
+}
 _PHASES = {
     proto.CONNECTING: "connecting",
     proto.READY: "ready",
@@ -377,10 +386,13 @@ def _status(options: argparse.Namespace) -> int:
         connection = Connection(options.server, number)
         try:
             state = connection.ask(proto.Request(get_state=proto.GetState())).state
+            server_status = connection.ask(proto.Request(get_server_status=proto.GetServerStatus())).server_status
+            topics = connection.ask(proto.Request(list_topics=proto.ListTopics())).topics
         finally:
             connection.close()
         good = good and state.phase not in (proto.ERROR, proto.CONNECTING)
-        _print_rows(f"{number}  {arm.name}", _rows(connection.welcome, state))
+        rows = _rows(connection.welcome, state) + _server_rows(server_status, state) + _topic_rows(topics)
+        _print_rows(f"{number}  {arm.name}", rows)
         deficiencies += [text for text in connection.welcome.deficiencies if text not in deficiencies]
     if deficiencies:
         print()
@@ -431,10 +443,30 @@ def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]
     return rows
 
 
+def _server_rows(status: proto.ServerStatus, state: proto.ArmState) -> list[tuple[str, str]]:
+    late = f"{status.late_cycles} late of {status.motion_cycles} in motions"
+    cycles = f"{late}; {state.lost_states} states of the robot did not arrive"
+    return [("commanded by", status.commander or "nobody"), ("cycles", cycles)]
+
+
+def _topic_rows(topics: proto.Topics) -> list[tuple[str, str]]:
+    rows = []
+    for topic in topics.topics:
+        rate = f"{1 / topic.period:.1f} Hz, " if topic.period else ""
+        counts = [f"{getattr(topic, field)} {what}" for field, what in _TOPIC_COUNTS.items() if getattr(topic, field)]
+        listens = f"; skill {', '.join(map(str, topic.skills))} listens" if topic.skills else "; no skill listens"
+        rows.append(("topic", f"{topic.topic}: {topic.message}, {rate}{topic.age:.1f} s old; {', '.join(counts)}{listens}"))
+        if topic.why_refused:
+            rows.append(("", f"refused last: {topic.why_refused}"))
+    if topics.garbage:
+        rows.append(("topic", f"{topics.garbage} messages that could not be read"))
+    return rows
+
+
 def _print_rows(title: str, rows: Sequence[tuple[str, str]]) -> None:
     print(_bold(title))
     for name, value in rows:
-        first = f"   {name:16}" if name else "   "
+        first = f"   {name:16}" if name else "   " + " " * 16 * any(name for name, _ in rows)
         print(textwrap.fill(value, 112, initial_indent=first, subsequent_indent=" " * len(first)))
 
 

@@ -32,11 +32,12 @@ READY_TIME = 10.0  # s that an arm may need to recover
 _ASK_AGAIN = 0.5  # s
 _START_TIME = 10.0  # s that an arm's process may need to be ready
 _CLOCK_QUESTIONS = 10
+_ROUND_TRIPS = 5
 _END_TIME = 1.0  # s that the supervisor may need to say how an arm's process ended, or to be there again
 _MAX_REQUEST = 8 << 20  # bytes; a longer one would end its connection (kMaxMessage of src/server/transport.cpp)
 
 # Requests that may come twice: where the arm's process ended before its answer, its successor is asked.
-_REPEATABLE = ("get_state", "list_topics", "skill_status", "stop_skill")
+_REPEATABLE = ("get_state", "get_server_status", "list_topics", "skill_status", "stop_skill")
 
 
 def server_address(server: str | None = None) -> tuple[str, int]:
@@ -107,6 +108,24 @@ def find_arm(server: str | None, robot_num: int) -> proto.Arms.Arm:
         there = ", ".join(f"{i} ({arm.name})" for i, arm in enumerate(arms, 1)) or "none"
         raise FrankaArmArgumentError(f"robot_num is {robot_num}: the arms of the server are {there}")
     return arms[robot_num - 1]
+
+
+def way_to(server: str | None) -> float:
+    """Return how long (s) a message to a server takes at least: half of the shortest round trip; 0 where none was made."""
+    host, port = server_address(server)
+    question = proto.Request(request_id=1, list_arms=proto.ListArms()).SerializeToString()
+    trips = []
+    with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+        dealer.linger = 0
+        dealer.connect(f"tcp://{host}:{port}")
+        for _ in range(_ROUND_TRIPS):
+            begin = time.perf_counter()
+            dealer.send(question)
+            if not dealer.poll(int(1000 * _ASK_AGAIN)):
+                break
+            dealer.recv()
+            trips.append(time.perf_counter() - begin)
+    return min(trips, default=0.0) / 2
 
 
 def check_version(theirs: int, where: str) -> None:

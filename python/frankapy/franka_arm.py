@@ -778,8 +778,16 @@ class FrankaArm:
         return Walls(change, lambda: np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T)
 
     def topics(self) -> dict[str, proto.Topics.Topic]:
-        """Return what came over each topic since the arm's process began: received, lost, out of order, refused and why."""
+        """Return what came over each topic since the arm's process began.
+
+        Of each: how many were `received`, `lost`, `out_of_order`, `late` (by 20 ms to 0.5 s), `stale` (by more), `refused` and
+        `why_refused`, `overrun`; `age` (s) of the newest, `period` (s) between the newest, and the `skills` that listen.
+        """
         return {topic.topic: topic for topic in self._server.ask(proto.Request(list_topics=proto.ListTopics())).topics.topics}
+
+    def server_status(self) -> proto.ServerStatus:
+        """Return what the arm's process does: who commands the arm, how many clients there are, how many cycles came late."""
+        return self._server.ask(proto.Request(get_server_status=proto.GetServerStatus())).server_status
 
     def recording(self) -> AbstractContextManager[Callable[[], proto.RecordingStatus]]:
         """Record everything that happens inside, on the server's computer; `frankapy.recording` reads it.

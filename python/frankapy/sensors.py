@@ -11,7 +11,7 @@ import zmq
 from google.protobuf.message import Message
 
 from frankapy import proto
-from frankapy.connection import find_arm
+from frankapy.connection import find_arm, way_to
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.sockets import owned_socket
 from frankapy.validation import text, validate
@@ -39,6 +39,7 @@ class SensorPublisher:
         if not endpoint:
             raise FrankaArmCommException("The arm's process is not ready: `frankapy status` tells why.")
         self.topic = topic
+        self._way_ns = round(1e9 * way_to(server))
         self._id = secrets.randbits(63)
         self._sequence = itertools.count(1)
         self._socket, self._close = owned_socket(self, zmq.PUSH, _LINGER)
@@ -54,7 +55,7 @@ class SensorPublisher:
             raise FrankaArmArgumentError(f"publish got {message!r}: expected a message, such as JointPositionSensorMessage")
         validate(message)
         envelope = proto.SensorMessage(
-            topic=self.topic, publisher=self._id, sequence=next(self._sequence), sent_ns=time.time_ns()
+            topic=self.topic, publisher=self._id, sequence=next(self._sequence), sent_ns=time.time_ns(), way_ns=self._way_ns
         )
         envelope.message.Pack(message)
         try:

@@ -34,6 +34,7 @@ class SensorPublisher {
   struct Socket;
   const std::string topic_;
   const std::uint64_t id_;
+  std::int64_t way_ns_ = 0;  // to the server: half of the shortest round trip
   std::uint64_t sequence_ = 0;
   std::unique_ptr<Socket> socket_;
 };

@@ -16,7 +16,7 @@ class Journal {
  public:
   struct Entry {
     std::int64_t time_ns = 0;  // CLOCK_MONOTONIC, when it was noted
-    std::int64_t sent_ns = 0;  // by the sender's clock; 0: not known
+    std::int64_t sent_ns = 0;  // since 1970 by the server's clock, as estimated; 0: not known
     std::uint32_t sequence = 0;
     std::string topic;
     std::string type;  // full name of the protobuf message

@@ -28,6 +28,7 @@ constexpr std::size_t kMostUnserved = 256;        // subscriptions that are held
 constexpr std::int64_t kLongestSubscription = 2048;  // bytes: all fields by name are less
 constexpr int kSubscriptionsAhead = 64;           // read from a connection before they are looked at
 constexpr std::size_t kDescriptionsKept = 512;
+constexpr std::int64_t kLateCycle = 1'500'000;  // ns after the one before
 
 }  // namespace
 
@@ -57,6 +58,7 @@ void Publisher::run() {
     connections_->look();
     take_subscriptions();
     while (records_.next(record)) {
+      count_late(record);
       if (!topics_.empty()) publish(record);
     }
     const auto now = std::chrono::steady_clock::now();
@@ -137,6 +139,22 @@ void Publisher::publish(const realtime::Record& record) {
     }
     socket_.send(zmq::buffer(bytes_), zmq::send_flags::dontwait);
   }
+}
+
+void Publisher::count_late(const realtime::Record& record) {
+  const bool moves = record.phase == realtime::Phase::kRunning || record.phase == realtime::Phase::kHolding ||
+                     record.phase == realtime::Phase::kBraking;
+  if (moves && moved_) {
+    motion_cycles_.fetch_add(1, std::memory_order_relaxed);
+    if (record.received_ns - received_ns_ > kLateCycle) late_cycles_.fetch_add(1, std::memory_order_relaxed);
+  }
+  moved_ = moves;
+  received_ns_ = record.received_ns;
+}
+
+void Publisher::describe(proto::ServerStatus& out) const {
+  out.set_late_cycles(late_cycles_.load(std::memory_order_relaxed));
+  out.set_motion_cycles(motion_cycles_.load(std::memory_order_relaxed));
 }
 
 // With mutex_ locked.

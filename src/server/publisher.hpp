@@ -13,6 +13,7 @@
 #include <thread>
 #include <zmq.hpp>
 
+#include "frankapy/proto/service.pb.h"
 #include "frankapy/proto/state.pb.h"
 #include "realtime/door.hpp"
 #include "robot/fci_driver.hpp"
@@ -45,6 +46,9 @@ class Publisher {
   // What of the robot that is connected now was not taken.
   void count(std::shared_ptr<const robot::FciDriver::Counters> not_taken);
 
+  // How many cycles of motions there were, and how many of them late.
+  void describe(frankapy::proto::ServerStatus& out) const;
+
   // What skill `id` is called in the states.
   void describe(std::uint64_t id, const std::string& description);
 
@@ -62,6 +66,7 @@ class Publisher {
   void refuse(const std::string& text);
   static std::optional<Topic> parse(const std::string& text);
   void publish(const realtime::Record& record);
+  void count_late(const realtime::Record& record);
   void add_rest(const realtime::Record& record, frankapy::proto::ArmState& state) const;
 
   const bridge::Ring<realtime::Record>& ring_;
@@ -73,6 +78,9 @@ class Publisher {
   std::map<std::string, Topic> topics_;
   std::set<std::string> unserved_;  // subscriptions that nothing is published to
   std::uint64_t refused_ = 0;
+  std::int64_t received_ns_ = 0;     // of the last record
+  bool moved_ = false;               // in it
+  std::atomic<std::uint64_t> late_cycles_{0}, motion_cycles_{0};
   frankapy::proto::ArmState message_, part_;
   std::string bytes_;
 

@@ -23,8 +23,7 @@ constexpr std::size_t kMaxTopicName = 256;     // bytes
 constexpr auto kWait = std::chrono::milliseconds(50);
 constexpr const char* kTermination = "ShouldTerminateSensorMessage";
 constexpr std::int64_t kTellLostPeriod = 1'000'000'000;    // ns
-constexpr std::int64_t kFuture = 1'000'000'000;  // ns
-constexpr int kLeaps = 10;  // messages from the future after which the publisher's clock has been set
+constexpr std::int64_t kLate = 20'000'000, kStale = 500'000'000;  // ns: Topics.Topic
 
 }  // namespace
 
@@ -54,6 +53,7 @@ void SensorHub::release(std::uint64_t skill) {
 }
 
 void SensorHub::describe(proto::Topics& out) const {
+  out.set_garbage(garbage());
   const std::lock_guard lock(mutex_);
   for (const auto& [name, topic] : topics_) {
     auto& told = *out.add_topics();
@@ -97,9 +97,6 @@ void SensorHub::take(const zmq::message_t& frame) {
   if (message.topic().empty() || message.topic().size() > kMaxTopicName) {
     return count_garbage(fmt::format("a topic of {} bytes (expected 1 to {})", message.topic().size(), kMaxTopicName));
   }
-  const std::string& type = message.message().type_url();
-  journal_.note("/sensors/" + message.topic(), std::string_view(type).substr(type.rfind('/') + 1), message.message().value(),
-                static_cast<std::uint32_t>(message.sequence()), message.sent_ns());
   const std::lock_guard lock(mutex_);
   if (topics_.size() >= kMaxTopics && !topics_.contains(message.topic())) {
     return count_garbage(fmt::format("a topic beyond the {} that are known", kMaxTopics));
@@ -117,25 +114,42 @@ void SensorHub::take(const zmq::message_t& frame) {
   if (topic.publishers.size() >= kMaxPublishers) topic.publishers.clear();
   auto [publisher, is_new] = topic.publishers.try_emplace(message.publisher());
   Publisher& from = publisher->second;
-  const std::int64_t ahead = message.sent_ns() - now;
-  if (is_new) from.ahead_ns = ahead;
+  const bool behind = message.has_sequence() && message.sequence() <= from.sequence;
+  ClockEstimate::Way way;
+  if (message.has_sent_ns() && !behind) way = from.clock.take(message.sent_ns(), since_epoch_ns(now), message.way_ns());
+  note(message, from, now);
+  if (behind) {
+    topic.told.set_out_of_order(topic.told.out_of_order() + 1);
+    return;
+  }
   if (message.has_sequence()) {
-    if (message.sequence() <= from.sequence) {
-      topic.told.set_out_of_order(topic.told.out_of_order() + 1);
-      return;
-    }
     if (!is_new) topic.told.set_lost(topic.told.lost() + message.sequence() - from.sequence - 1);
     from.sequence = message.sequence();
   }
-  const bool leaps = message.has_sent_ns() && ahead - from.ahead_ns > kFuture;
-  from.leaps = leaps ? from.leaps + 1 : 0;
-  if (from.leaps > kLeaps) {
-    from.ahead_ns = ahead;
-  } else if (leaps && topic.told.message() != kTermination) {  // an end is an end at any time
+  if (way.longer > kStale) {
+    topic.told.set_stale(topic.told.stale() + 1);
+  } else if (way.longer > kLate) {
+    topic.told.set_late(topic.told.late() + 1);
+  }
+  if (way.in_future > 0 && topic.told.message() != kTermination) {  // an end is an end at any time
     return refuse(topic, fmt::format("its time stamp is {:.3f} s in the future of those before",
-                                     1e-9 * static_cast<double>(ahead - from.ahead_ns)));
+                                     1e-9 * static_cast<double>(way.in_future)));
   }
   deliver(topic, message);
+}
+
+// With its time by our clock, and now and then what makes the difference.
+void SensorHub::note(const proto::SensorMessage& message, Publisher& from, std::int64_t now) {
+  const std::string_view type = message.message().type_url();
+  const std::int64_t sent = message.has_sent_ns() ? message.sent_ns() - from.clock.ahead_ns() : 0;
+  journal_.note("/sensors/" + message.topic(), type.substr(type.rfind('/') + 1), message.message().value(),
+                static_cast<std::uint32_t>(message.sequence()), sent);
+  if (!from.clock.is_due(since_epoch_ns(now))) return;
+  proto::ClockDifference difference;
+  difference.set_sender(message.topic());
+  difference.set_publisher(message.publisher());
+  from.clock.put(difference);
+  journal_.note("/clocks", difference.GetTypeName(), difference.SerializeAsString());
 }
 
 void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message) {

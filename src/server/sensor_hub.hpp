@@ -14,6 +14,7 @@
 #include "frankapy/proto/sensors.pb.h"
 #include "frankapy/proto/service.pb.h"
 #include "realtime/sensor_input.hpp"
+#include "server/clock_estimate.hpp"
 #include "server/journal.hpp"
 #include "server/sockets.hpp"
 
@@ -49,8 +50,7 @@ class SensorHub {
   };
   struct Publisher {
     std::uint64_t sequence = 0;
-    std::int64_t ahead_ns = 0;  // of its clock before ours, when its first message came
-    int leaps = 0;              // messages in a row whose clock is far before that
+    ClockEstimate clock;
   };
   struct Topic {
     frankapy::proto::Topics::Topic told;
@@ -60,6 +60,7 @@ class SensorHub {
 
   void run();
   void take(const zmq::message_t& frame);
+  void note(const frankapy::proto::SensorMessage& message, Publisher& from, std::int64_t now);
   void deliver(Topic& topic, const frankapy::proto::SensorMessage& message);
   bool waits(const Listener& listener) const;
   void refuse(Topic& topic, const std::string& why);

@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "server/clocks.hpp"
 #include "server/convert.hpp"
 #include "server/gripper.hpp"
 #include "server/publisher.hpp"
@@ -55,7 +56,7 @@ struct Head {
 
 // What the first fields of a request say: what is urgent is found without reading the rest, which may be megabytes.
 Head head_of(const zmq::message_t& frame) {
-  constexpr int kFields = 4;  // a request has two
+  constexpr int kFields = 4;  // as a request has at most
   google::protobuf::io::CodedInputStream in(frame.data<std::uint8_t>(), static_cast<int>(frame.size()));
   Head head;
   for (int field = 0; field < kFields; ++field) {
@@ -257,7 +258,7 @@ void Transport::handle(const Waiting& waiting) {
   }
   try {
     if (request.call_case() == proto::Request::kHello) return hello(from, request.hello());
-    known(from);
+    take_time(known(from), request);
     wire::validate(request);
     answer(from, request, waiting.skill);
   } catch (...) {
@@ -338,6 +339,7 @@ void Transport::answer(const Address& from, proto::Request& request, std::uint64
     case proto::Request::kStartSkill: return start_skill(from, request, skill);
     case proto::Request::kChangeSkill: return change_skill(from, request);
     case proto::Request::kListTopics: return list_topics(from);
+    case proto::Request::kGetServerStatus: return get_server_status(from);
     case proto::Request::kRecord: return record(from, request.record());
     case proto::Request::kChangeWalls: return change_walls(from, request.change_walls());
     case proto::Request::kStopSkill: return stop_skill(from);
@@ -370,7 +372,7 @@ void Transport::hello(const Address& from, const proto::Hello& hello) {
     });
     clients_.erase(oldest);
   }
-  clients_[from.client] = {hello.client().substr(0, 256), now_};
+  clients_[from.client] = {hello.client().substr(0, 256), now_, {}};
   proto::Reply reply;
   auto& welcome = *reply.mutable_welcome();
   welcome = connection.welcome;
@@ -583,6 +585,16 @@ void Transport::take_changes() {
 void Transport::list_topics(const Address& from) {
   proto::Reply reply;
   sensors_.describe(*reply.mutable_topics());
+  send(from, reply);
+}
+
+void Transport::get_server_status(const Address& from) {
+  proto::Reply reply;
+  auto& status = *reply.mutable_server_status();
+  if (const auto holder = clients_.find(commander_); holder != clients_.end()) status.set_commander(holder->second.name);
+  status.set_clients(static_cast<std::uint32_t>(clients_.size()));
+  publisher_.describe(status);
+  status.set_garbage(garbage());
   send(from, reply);
 }
 
@@ -831,6 +843,18 @@ void Transport::note(proto::SkillEvent& event, std::uint64_t skill, const Addres
 }
 
 // --- clients and lease -------------------------------------------------------------------------------------------
+
+// And now and then recordings are told.
+void Transport::take_time(Client& client, const proto::Request& request) {
+  if (!request.has_sent_ns()) return;
+  const std::int64_t now = since_epoch_ns(now_ns());
+  client.clock.take(request.sent_ns(), now, request.way_ns());
+  if (!client.clock.is_due(now)) return;
+  proto::ClockDifference difference;
+  difference.set_sender(client.name);
+  client.clock.put(difference);
+  recorder_.box().journal.note("/clocks", difference.GetTypeName(), difference.SerializeAsString());
+}
 
 Transport::Client& Transport::known(const Address& from) {
   const auto client = clients_.find(from.client);

@@ -18,6 +18,7 @@
 
 #include "frankapy/proto/service.pb.h"
 #include "realtime/door.hpp"
+#include "server/clock_estimate.hpp"
 #include "server/skill_builder.hpp"
 #include "server/sockets.hpp"
 #include "server/wall_store.hpp"
@@ -79,6 +80,7 @@ class Transport {
   struct Client {
     std::string name;
     Clock::duration last_heard;  // by clock_
+    ClockEstimate clock = {};
   };
   struct Address {  // whom to answer
     std::string client;  // ROUTER's identity
@@ -152,6 +154,7 @@ class Transport {
   frankapy::proto::Skill changed(const Address& from, const frankapy::proto::ChangeSkill& change) const;
   void begin_change(Build& build);
   void list_topics(const Address& from);
+  void get_server_status(const Address& from);
   void record(const Address& from, const frankapy::proto::Record& record);
   void change_walls(const Address& from, const frankapy::proto::ChangeWalls& change);
   void stop_skill(const Address& from);
@@ -171,6 +174,7 @@ class Transport {
   void take_disconnection();
 
   void note(frankapy::proto::SkillEvent& event, std::uint64_t skill, const Address& from);
+  void take_time(Client& client, const frankapy::proto::Request& request);
   Client& known(const Address& from);
   void require_lease(const Address& from) const;
   realtime::Record require_state() const;

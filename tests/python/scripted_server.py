@@ -21,6 +21,7 @@ class ScriptedServer:
         self.result = {"ending": proto.TERMINATED}
         self.silent = False
         self.not_taken = proto.NotTaken()
+        self.topics: list[proto.Topics.Topic] = []
         self.forgets_clients = False
         self.refusals: list[proto.Error] = []  # one for each of the next StartSkill
         self.phase = proto.READY
@@ -88,6 +89,10 @@ class ScriptedServer:
         elif kind == "get_state":
             robot = proto.RobotState(q=HOME, O_T_EE=[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3, 0, 0.5, 1])
             self._send(identity, number, state=proto.ArmState(phase=self.phase, robot=robot, not_taken=self.not_taken))
+        elif kind == "get_server_status":
+            self._send(identity, number, server_status=proto.ServerStatus(commander="somebody"))
+        elif kind == "list_topics":
+            self._send(identity, number, topics=proto.Topics(topics=self.topics))
         elif kind == "start_skill" and self.refusals:
             self._send(identity, number, error=self.refusals.pop(0))
         elif kind == "start_skill" and any(s[1] == identity for s in self._running) and not request.start_skill.preempt:

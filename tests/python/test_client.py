@@ -449,6 +449,16 @@ def test_status_names_what_of_the_robot_was_not_taken(server, capsys):
     assert "not taken 12 states with values that are no numbers, or unknown modes, 3 commands that the network did not take" in told
 
 
+def test_status_tells_who_commands_and_what_came_over_topics(server, capsys):
+    counts = {"received": 40, "lost": 3, "late": 2, "stale": 1, "refused": 5, "why_refused": "joint 1 is 9"}
+    server.topics = [proto.Topics.Topic(topic="policy", message="JointChunk", age=0.04, period=0.1, skills=[7], **counts)]
+    assert cli.main(["status", "--server", server.address]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "commanded by somebody" in told
+    assert "policy: JointChunk, 10.0 Hz, 0.0 s old; 40 received, 3 lost, 2 late, 1 stale, 5 refused; skill 7 listens" in told
+    assert "refused last: joint 1 is 9" in told
+
+
 def test_a_read_whose_server_ended_asks_the_next_one(monkeypatch):
     monkeypatch.setattr(channel, "SILENCE", 60)  # s: it is not for its silence that the first is left
     joints = []

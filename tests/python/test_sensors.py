@@ -1,5 +1,6 @@
 """Sensor messages into skills that run: targets, velocities, ends; and other parts for a skill that runs."""
 
+import os
 import subprocess
 import sys
 import time
@@ -12,6 +13,7 @@ from frankapy import (
     FrankaArmException,
     FrankaConstants,
     SensorPublisher,
+    cli,
     proto,
 )
 from frankapy.parts import (
@@ -331,6 +333,44 @@ def test_lost_and_late_messages_are_counted(fa):
         wait_for(fa, lambda: "counted" in fa.topics() and fa.topics()["counted"].received == 5)
         topic = fa.topics()["counted"]
         assert (topic.lost, topic.out_of_order) == (2, 1)
+
+
+def test_what_took_longer_on_its_way_is_counted_and_taken(fa):
+    fa.run(StreamJoint("slow", delay=0, timeout=0), InternalImpedance(), Never(), block=False)
+    sent = time.time_ns()
+
+    def publish(publisher, sequence, joints):
+        envelope = proto.SensorMessage(topic="slow", publisher=1, sequence=sequence, sent_ns=sent)
+        envelope.message.Pack(proto.JointPositionSensorMessage(joints=joints))
+        publisher._socket.send(envelope.SerializeToString())
+
+    with fa.publisher("slow") as publisher:
+        publish(publisher, 1, HOME)
+        wait_for(fa, lambda: "slow" in fa.topics())
+        time.sleep(1)
+        publish(publisher, 2, NEAR)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        topic = fa.topics()["slow"]
+        assert topic.late + topic.stale == 1
+        assert (topic.lost, topic.out_of_order, topic.refused) == (0, 0, 0)
+    fa.stop_skill()
+
+
+def test_the_status_says_who_commands(fa, ideal_arm, capsys):
+    fa.run(StreamJoint("shown"), InternalImpedance(), Never(), block=False)
+    with fa.publisher("shown") as publisher:
+        for _ in range(3):
+            publisher.publish(proto.JointPositionSensorMessage(joints=HOME))
+        wait_for(fa, lambda: "shown" in fa.topics() and fa.topics()["shown"].received == 3)
+    wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
+    assert f"pid {os.getpid()}" in fa.server_status().commander
+    before = fa.server_status().motion_cycles
+    wait_for(fa, lambda: fa.server_status().motion_cycles > before)
+    assert cli.main(["status", "--server", ideal_arm.server]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"pid {os.getpid()}" in told
+    assert "shown: JointPositionSensorMessage" in told and "3 received; skill" in told
+    fa.stop_skill()
 
 
 def test_a_flood_disturbs_nothing(fa):
