@@ -22,9 +22,11 @@ from frankapy.wire_arrays import columns
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_STATES, _SKILLS, _LOG, _SENSORS = "/states", "/skills", "/log", "/sensors/"
+_STATES, _SKILLS, _LOG, _CLOCKS, _SENSORS = "/states", "/skills", "/log", "/clocks", "/sensors/"
 _MAGIC = b"\x89MCAP0\r\n"
 _LATE = 0.0015  # s from one state to the next from which on a cycle came late
+_DRIFT = 1e-3  # of a robot's clock against the server's; one that differs by more goes by another time, as a simulated arm's may
+_LONG = 10.0  # s in which a clock's drift shows
 
 States = dict[str, np.ndarray]
 
@@ -37,7 +39,7 @@ class Noted:
     topic: str
     kind: str  # of the message, without its package
     sequence: int
-    sent: float  # s since the recording began, by the sender's clock
+    sent: float  # s since the recording began, by the server's clock: see Recording.clocks
     data: bytes
 
     @functools.cached_property
@@ -53,7 +55,8 @@ class Noted:
 class Recording:
     """A recording, read when it is made; one that was cut off is read as far as it goes.
 
-    Times are seconds since its first message; `start` is when that was, in seconds since 1970 by the server's clock.
+    Times are seconds since its first message; `start` is when that was, in seconds since 1970 by the server's clock. Of what
+    was sent to the server they are the sender's, less what its clock was ahead (`clocks`).
 
     Example:
         >>> recording = Recording("2026-11-22T14-53-10.123Z-skill.mcap")
@@ -158,6 +161,61 @@ class Recording:
         return topics
 
     @property
+    def clocks(self) -> dict[str, tuple[float, float]]:
+        """Senders' clocks: by how much (s) each was ahead of the server's when last looked at, and how uncertain that is.
+
+        Senders are "client NAME" and "topic NAME", a second publisher of a topic "topic NAME (2)". Where a sender does not know how
+        long its messages take, the uncertainty is NaN, and it seems behind by that much.
+        """
+        found: dict[str, tuple[float, float]] = {}
+        publishers: dict[str, list[int]] = {}
+        for noted in self.noted:
+            if noted.topic != _CLOCKS:
+                continue
+            told: proto.ClockDifference = noted.message  # type: ignore[assignment]
+            name = f"client {told.sender}"
+            if told.HasField("publisher"):
+                known = publishers.setdefault(told.sender, [])
+                if told.publisher not in known:
+                    known.append(told.publisher)
+                number = known.index(told.publisher)
+                name = f"topic {told.sender}" + (f" ({number + 1})" if number else "")
+            found[name] = told.ahead, told.uncertain if told.HasField("uncertain") else np.nan
+        return found
+
+    @functools.cached_property
+    def robot_clock(self) -> tuple[float, float] | None:
+        """When the robot's clock (`message_id`) began, s since the recording did, and how many seconds of the server each ms takes.
+
+        So that no state came before it was measured, and the quickest took no time. None where the robot's time is another, as of
+        a simulated arm in lockstep.
+        """
+        if len(self) < 2:
+            return None
+        time, clock = self._times, self.states["message_id"].astype(float)
+        if np.any(np.diff(clock) <= 0):  # it has begun anew
+            return None
+        parts = np.array_split(np.arange(len(self)), max(2, min(60, len(self) // 1000)))
+        lowest = [part[np.argmin((time - 1e-3 * clock)[part])] for part in parts]
+        second = float(np.polyfit(clock[lowest] - clock[0], time[lowest], 1)[0])
+        if abs(second / 1e-3 - 1) > _DRIFT:
+            return None
+        if time[-1] - time[0] < _LONG:
+            second = 1e-3
+        return float((time - second * clock).min()), second
+
+    @property
+    def measured(self) -> np.ndarray:
+        """When the robot measured each state, s since the recording began: by its own, even clock, put beside the server's.
+
+        Where the robot's time is another (`robot_clock`), when the states came.
+        """
+        if self.robot_clock is None:
+            return self._times
+        began, second = self.robot_clock
+        return began + second * self.states["message_id"].astype(float)
+
+    @property
     def errors(self) -> list[tuple[float, str]]:
         """Errors of the robot: when each began, and its name."""
         found = []
@@ -248,7 +306,16 @@ class Recording:
                 if (self.held_by & bit).any()
             ]
             held_back = f"{int(states['limited'].sum())} held back" + (f" ({', '.join(held)})" if held else "")
+            if self.robot_clock is not None:
+                _, second = self.robot_clock
+                behind = float(np.percentile(self._times - self.measured, 99))
+                drift = f"{1e6 * (1e-3 / second - 1):+.0f} ppm, " if second != 1e-3 else ""
+                rows.append(("robot's clock", f"{drift}99 of 100 states came within {1e3 * behind:.2f} ms of the quickest"))
             rows.append(("cycles", f"{len(self.late)} late, {missed} states did not arrive, {held_back}"))
+        for sender, (ahead, uncertain) in self.clocks.items():
+            about = "" if np.isnan(uncertain) else f" (± {1e3 * uncertain:.2f} ms)"
+            difference = f"{1e3 * abs(ahead):.2f} ms {'ahead' if ahead > 0 else 'behind'}{about}"
+            rows.append(("clock", f"{sender}: {difference}; its times here are the server's"))
         descriptions = {event.skill_id: event.started.description for _, event in self.skills if event.HasField("started")}
         for time, event in self.skills:
             what = event.WhichOneof("what")

@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -90,6 +91,31 @@ def test_skills_and_sensor_messages_are_in_it(recorded):
     assert [noted.sequence for noted in messages] == list(range(1, 11))
     assert np.allclose(messages[0].message.joints, AWAY)
     assert all(abs(noted.sent - noted.time) < 5 for noted in messages)
+
+
+def test_times_of_other_computers_are_the_servers(tmp_path, capsys):
+    with Simulation(SimulatedArm(), recordings=tmp_path) as simulation, FrankaArm(server=simulation.server) as fa:
+        with fa.recording() as status, fa.publisher("far") as publisher:
+            for sequence in range(1, 21):
+                sent = time.time_ns() + 3600 * 10**9
+                envelope = proto.SensorMessage(topic="far", publisher=5, sequence=sequence, sent_ns=sent, way_ns=10**6)
+                envelope.message.Pack(proto.JointPositionSensorMessage(joints=HOME))
+                publisher._socket.send(envelope.SerializeToString())
+                time.sleep(0.1)
+            while fa.topics()["far"].received < 20:
+                time.sleep(0.01)
+        recording = Recording(status().file)
+    ahead, uncertain = recording.clocks["topic far"]
+    assert abs(ahead - 3600) < 1
+    assert uncertain == pytest.approx(1e-3)
+    assert any(f"pid {os.getpid()}" in sender and abs(ahead) < 1 for sender, (ahead, _) in recording.clocks.items())
+    messages = recording.sensors["far"]
+    assert len(messages) == 20
+    assert all(abs(noted.sent - noted.time) < 5 for noted in messages)
+    assert cli.main(["info", str(recording.path)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"topic far: 3(600|599)\d+\.\d\d ms ahead \(± 1\.00 ms\)", told), told
+    assert np.all(recording.states["time"] >= recording.measured - 1e-9)
 
 
 def test_it_is_told_and_drawn(recorded, tmp_path, capsys):
