@@ -90,6 +90,9 @@ class ArmProcess {
     return 0;
   }
 
+  // Whether run() ended because the supervisor is gone.
+  bool alone() const { return alone_; }
+
  private:
   // --- the thread of main(): signals, heartbeat, hangs ---
 
@@ -105,6 +108,7 @@ class ArmProcess {
       if (!report()) {
         spdlog::warn("the supervisor is gone: stopping");
         recorder_.keep("the-supervisor-is-gone");
+        alone_ = true;
         return;
       }
     }
@@ -272,6 +276,7 @@ class ArmProcess {
   std::condition_variable changed_;
   std::string status_ = "starting";
   bool ready_ = false;
+  bool alone_ = false;
   std::shared_ptr<const robot::FciDriver::Counters> not_taken_;
   std::string not_taken_told_;
   Clock::time_point not_taken_told_at_{};
@@ -297,7 +302,11 @@ int run_arm(const ArmConfig& config, const RecordingsConfig& recordings, const A
     BlackBox box = options.status_fd >= 0 ? BlackBox::in(ArmOptions::kBlackBoxFd) : BlackBox();
     auto& sinks = spdlog::default_logger()->sinks();  // before there are other threads, and after
     sinks.push_back(std::make_shared<JournalSink>(box.journal));
-    const int status = ArmProcess(config, recordings, options, box).run();
+    auto process = std::make_unique<ArmProcess>(config, recordings, options, box);
+    const int status = process->run();
+    const bool alone = process->alone();
+    process.reset();
+    if (alone) forget_black_box(ArmOptions::kBlackBoxFd);  // all is written
     sinks.pop_back();
     return status;
   } catch (const std::exception& error) {

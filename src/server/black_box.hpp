@@ -1,7 +1,9 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "bridge/ring.hpp"
 #include "realtime/door.hpp"
@@ -30,7 +32,30 @@ struct BlackBox {
   BlackBox(bridge::Ring<realtime::Record> records, Journal journal);
 };
 
-// Memory for one that a child may inherit. Throws std::system_error.
-int make_black_box_file();
+// Whose a black box is: what is left of it is written there.
+struct BlackBoxOwner {
+  std::string arm;
+  std::string folder;  // of recordings
+  double max_gb = 0;   // of them
+};
+
+// Memory for one that a child may inherit. With an owner it outlives all of its processes where it can: it has a name in
+// kBlackBoxFolder, until forget_black_box(), and whoever holds it open keeps others from taking it for left over. Throws
+// std::system_error.
+int make_black_box_file(const std::optional<BlackBoxOwner>& owner = {});
+
+// Takes its name away: what is in it is written down, or not needed.
+void forget_black_box(int fd);
+
+// Black boxes of this user that nobody holds, the processes being gone that did. Each is the caller's now, until it closes the
+// file. What another build of this program left cannot be read, and is removed.
+struct LeftBlackBox {
+  int fd;
+  BlackBoxOwner owner;
+};
+std::vector<LeftBlackBox> left_black_boxes();
+
+// Memory that a file can name, gone with the computer's power.
+inline constexpr const char* kBlackBoxFolder = "/dev/shm";
 
 }  // namespace server

@@ -1,6 +1,7 @@
 #include "server/recorder.hpp"
 
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
@@ -285,6 +286,22 @@ fs::path write_black_box(int fd, const RecordingsConfig& config, const std::stri
   recording.close();
   folder.make_room({path});
   return path;
+}
+
+void write_left_black_boxes() {
+  for (const auto& [fd, owner] : left_black_boxes()) {
+    RecordingsConfig config;
+    config.folder = owner.folder;
+    config.max_gb = owner.max_gb;
+    try {
+      const fs::path path = write_black_box(fd, config, owner.arm, "the server was killed");
+      if (!path.empty()) spdlog::info("a server was killed: the black box of its arm {} is in {}", owner.arm, path.string());
+    } catch (const std::exception& error) {
+      spdlog::error("a server was killed: the black box of its arm {} was not written: {}", owner.arm, error.what());
+    }
+    forget_black_box(fd);
+    close(fd);
+  }
 }
 
 }  // namespace server

@@ -97,4 +97,7 @@ class Recorder {
 // Writes what an arm's process that has ended left in its black box; the file's path, empty where there was nothing.
 std::filesystem::path write_black_box(int fd, const RecordingsConfig& config, const std::string& arm, const std::string& why);
 
+// Writes what servers left that were killed with all of their processes, each to its own folder, and tells of it.
+void write_left_black_boxes();
+
 }  // namespace server

@@ -23,6 +23,13 @@ std::uint64_t first_of(const BlackBox& box, const Recording::Options& options) {
   return then - std::min(options.past, then);
 }
 
+// When the newest state came, which may be long ago where a black box was left.
+std::int64_t newest_ns(const BlackBox& box, std::int64_t now) {
+  realtime::Record record;
+  const std::uint64_t written = box.records.written();
+  return written > 0 && box.records.read(written - 1, record) ? std::min(record.received_ns, now) : now;
+}
+
 // The type's file and all that it imports, each after its own imports.
 std::string descriptors_of(const pb::Descriptor& type) {
   pb::FileDescriptorSet set;
@@ -50,7 +57,8 @@ Recording::Recording(const BlackBox& box, const std::filesystem::path& path, con
   flushed_ns_ = now_ns();
   if (options.place) return;
   const std::uint64_t written = box.records.written();
-  oldest_ns_ = flushed_ns_ - static_cast<std::int64_t>(options.past + written - options.then.value_or(written)) * kCycle;
+  oldest_ns_ = newest_ns(box, flushed_ns_) -
+               static_cast<std::int64_t>(options.past + written - options.then.value_or(written)) * kCycle;
 }
 
 void Recording::write() {

@@ -49,6 +49,12 @@ int text_file(const std::string& text) {
   return fd;
 }
 
+// None where nothing is to be recorded.
+std::optional<BlackBoxOwner> owner_of_box(const Config& config, const ArmConfig& arm) {
+  if (config.recordings.mode == RecordingsConfig::Mode::kOff) return std::nullopt;
+  return BlackBoxOwner{arm.name, config.recordings.folder, config.recordings.max_gb};
+}
+
 class Child {
  public:
   Child(const Config& config, int index, const std::string& toml, const std::vector<std::string>& arguments,
@@ -61,7 +67,8 @@ class Child {
         arguments_(arguments),
         record_fd_(make_part_record_file()),
         record_(map_part_record(record_fd_)),
-        box_fd_(make_black_box_file()),
+        box_owner_(owner_of_box(config, config.arms[index])),
+        box_fd_(make_black_box_file(box_owner_)),
         walls_fd_(make_memory_file("walls", 0)) {
     const ArmConfig& arm = config.arms[index];
     info_.set_name(arm.name);
@@ -71,6 +78,7 @@ class Child {
   ~Child() {
     if (pid_ > 0) end(SIGKILL);
     close(record_fd_);
+    forget_black_box(box_fd_);
     close(box_fd_);
     close(walls_fd_);
   }
@@ -189,7 +197,7 @@ class Child {
 
   // While the next process begins with another.
   void write_down(const std::string& how) {
-    const int fd = std::exchange(box_fd_, make_black_box_file());
+    const int fd = std::exchange(box_fd_, make_black_box_file(box_owner_));
     writing_ = std::async(std::launch::async, [fd, how, name = info_.name(), recordings = recordings_] {
       try {
         const auto path = write_black_box(fd, recordings, name, how);
@@ -197,6 +205,7 @@ class Child {
       } catch (const std::exception& error) {
         spdlog::error("arm {}: the black box was not written: {}", name, error.what());
       }
+      forget_black_box(fd);
       close(fd);
     });
   }
@@ -209,6 +218,7 @@ class Child {
   const std::vector<std::string>& arguments_;
   const int record_fd_;
   const std::shared_ptr<PartRecord> record_;
+  const std::optional<BlackBoxOwner> box_owner_;
   int box_fd_;
   const int walls_fd_;
   std::future<void> writing_;
@@ -255,6 +265,7 @@ class Supervisor {
       spdlog::warn("whoever reaches {} over the network can move the arms: see that only those do who may", listen_);
     }
 
+    const auto left = std::async(std::launch::async, write_left_black_boxes);
     bool stopping = false;
     Clock::time_point stop_until{};
     for (;;) {

@@ -213,6 +213,28 @@ def test_of_a_process_that_crashed_the_last_seconds_are_kept(tmp_path):
     assert np.all(np.diff(recording.states["cycles"]) == 1)
 
 
+def test_of_a_server_that_was_killed_whole_the_last_seconds_are_kept(tmp_path):
+    with Simulation(SimulatedArm(lockstep=True), recordings=tmp_path) as simulation:
+        with FrankaArm(server=simulation.server) as fa:
+            fa.goto_joints(HOME, 1)
+            fa.run(StreamJoint("goal"), JointImpedance(), Never(), skill_desc="the last", block=False)
+            with fa.publisher("goal") as publisher:
+                for _ in range(50):
+                    publisher.publish(proto.JointPositionSensorMessage(joints=AWAY))
+                    time.sleep(0.01)
+            fa.wait_for(lambda state: state.phase == proto.RUNNING and state.skill_time > 1)
+            for process in server_processes(simulation):
+                os.kill(process, signal.SIGKILL)
+    assert not list(tmp_path.rglob("*.mcap"))
+    with Simulation(SimulatedArm(lockstep=True), recordings=tmp_path):
+        recording = newest(tmp_path, "crash-the-server-was-killed")
+    started = [event for _, event in recording.skills if event.HasField("started")]
+    assert started[-1].started.description == "the last"
+    assert recording.states["skill_id"][-1] == started[-1].skill_id
+    assert np.all(np.diff(recording.states["cycles"]) == 1)
+    assert len(recording.sensors["goal"]) == 50
+
+
 def test_a_client_that_dies_in_the_middle_is_worth_it(tmp_path):
     with Simulation(SimulatedArm(), recordings=tmp_path) as simulation:
         script = (

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 #include <spdlog/fmt/fmt.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -264,6 +265,86 @@ TEST_F(RecordingTest, SurvivesItsProcess) {
   const fs::path left = write_black_box(fd, config_, "arm", "was killed by signal 9");
   EXPECT_NE(left.string().find("crash-was-killed-by-signal-9"), std::string::npos) << left;
   EXPECT_GE(count(read(left), "/states"), 100u);
+  close(fd);
+}
+
+// Nobody is left of a server but what lies in its named file: that is written to its own folder, once, by whoever starts next.
+TEST_F(RecordingTest, WhatAllOfItsProcessesLeaveIsFound) {
+  const BlackBoxOwner owner{"left", folder_, 1};
+  const auto mine = [&] {
+    std::vector<LeftBlackBox> boxes = left_black_boxes();
+    std::erase_if(boxes, [&](const LeftBlackBox& box) {
+      if (box.owner.folder == owner.folder) return false;
+      close(box.fd);  // of others
+      return true;
+    });
+    return boxes;
+  };
+  const int fd = make_black_box_file(owner);
+  const pid_t child = fork();
+  if (child == 0) {
+    BlackBox box = BlackBox::in(fd);
+    box.journal.note("/log", "frankapy.proto.LogLine", "");
+    record_.phase = realtime::Phase::kRunning;
+    for (int i = 1;; ++i) {
+      record_.cycles = static_cast<std::uint64_t>(i);
+      record_.received_ns = start_ + i * 1'000'000ll;
+      box.records.push(record_);
+      usleep(1000);
+    }
+  }
+  std::unique_ptr<BlackBox> box;
+  ASSERT_TRUE(wait_for([&] {
+    if (!box) box = BlackBox::found(fd);
+    return box && box->records.written() > 200;
+  }));
+  EXPECT_TRUE(mine().empty());  // two hold it
+  close(fd);
+  EXPECT_TRUE(mine().empty());  // one does still
+  kill(child, SIGKILL);
+  waitpid(child, nullptr, 0);
+  auto boxes = mine();
+  ASSERT_EQ(boxes.size(), 1u);
+  EXPECT_EQ(boxes[0].owner.arm, "left");
+  EXPECT_EQ(boxes[0].owner.max_gb, 1);
+  EXPECT_TRUE(mine().empty());  // it is ours now
+  close(boxes[0].fd);
+  write_left_black_boxes();
+  EXPECT_TRUE(mine().empty());
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder_ / "left")) files.push_back(entry.path());
+  ASSERT_EQ(files.size(), 1u);
+  EXPECT_NE(files[0].string().find("crash-the-server-was-killed"), std::string::npos) << files[0];
+  const auto lines = read(files[0]);
+  EXPECT_GE(count(lines, "/states"), 200u);
+  EXPECT_EQ(count(lines, "/log"), 1u);
+}
+
+TEST_F(RecordingTest, ABlackBoxOfAnotherUserOrBuildIsNotRead) {
+  const fs::path theirs = fs::path(kBlackBoxFolder) / fmt::format("franka-interface-{}-test", geteuid());
+  const fs::path target = folder_ / "target";
+  std::ofstream(target) << "theirs";
+  fs::create_symlink(target, theirs);
+  write_left_black_boxes();
+  EXPECT_TRUE(fs::is_symlink(theirs));  // is no file of ours
+  fs::remove(theirs);
+  std::ofstream(theirs) << "of another build";
+  if (geteuid() == 0) {
+    ASSERT_EQ(chown(theirs.c_str(), 12345, 12345), 0);
+    write_left_black_boxes();
+    EXPECT_TRUE(fs::exists(theirs));
+    ASSERT_EQ(chown(theirs.c_str(), 0, 0), 0);
+  }
+  write_left_black_boxes();
+  EXPECT_FALSE(fs::exists(theirs));
+
+  const int fd = make_black_box_file(BlackBoxOwner{"left", folder_, 1});
+  struct stat file {};
+  ASSERT_EQ(fstat(fd, &file), 0);
+  EXPECT_EQ(file.st_nlink, 1u);
+  forget_black_box(fd);
+  ASSERT_EQ(fstat(fd, &file), 0);
+  EXPECT_EQ(file.st_nlink, 0u);
   close(fd);
 }
 
