@@ -13,6 +13,7 @@ import zmq
 from numpy.typing import ArrayLike
 
 from frankapy import proto
+from frankapy.digits import digits
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.rigid_transform import RigidTransform
 from frankapy.validation import number, validate, vector, whole
@@ -47,6 +48,13 @@ class Truth:
     late_cycles: int  # that this computer let come late
     worst_delay: float  # s, of them
 
+    def __repr__(self) -> str:
+        moves = "moving" if self.moving else "at rest"
+        return (
+            f"Truth({self.time:.3f} s; {moves}; joints {digits(self.q)} rad; tool at {digits(self.O_T_TCP[:3, 3])} m; "
+            f"touched with {np.linalg.norm(self.contact_wrench[:3]):.1f} N)"
+        )
+
 
 class ControlChannel:
     """The world of one simulated arm: truth, people, things, network, time.
@@ -66,6 +74,9 @@ class ControlChannel:
         self._lock = threading.Lock()
         self._socket: zmq.Socket[bytes] | None = None
         self.truth()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._address})"
 
     # --- what is so -------------------------------------------------------------------------------------------------
 

@@ -242,6 +242,10 @@ class Recording:
     def __len__(self) -> int:
         return len(self._raw)
 
+    def __repr__(self) -> str:
+        duration = float(self._times[-1]) if len(self) else 0.0
+        return f"Recording({self.path.name}: {duration:.3f} s, {len(self)} states{'' if self.complete else ', cut off'})"
+
     # --- to other formats ---
 
     def export(self, path: str | Path) -> Path:

@@ -40,6 +40,31 @@ class SensorDataGroup:
 
 
 @dataclasses.dataclass
+class ExecuteSkillGoal:
+    """A skill as the published client sent it; kinds are numbers of frankapy.franka_interface_common_definitions."""
+
+    skill_type: int = 0
+    skill_description: str = ""
+    meta_skill_type: int = 0
+    meta_skill_id: int = 0
+    sensor_topics: list[str] = dataclasses.field(default_factory=list)
+    initial_sensor_values: list[float] = dataclasses.field(default_factory=list)
+    sensor_value_sizes: list[int] = dataclasses.field(default_factory=list)
+    trajectory_generator_type: int = 0
+    trajectory_generator_param_data: bytes = b""
+    trajectory_generator_param_data_size: int = 0
+    feedback_controller_type: int = 0
+    feedback_controller_param_data: bytes = b""
+    feedback_controller_param_data_size: int = 0
+    termination_handler_type: int = 0
+    termination_handler_param_data: bytes = b""
+    termination_handler_param_data_size: int = 0
+    timer_type: int = 1
+    timer_params: list[float] = dataclasses.field(default_factory=list)
+    num_timer_params: int = 0
+
+
+@dataclasses.dataclass
 class JointState:
     """Names, positions (rad, or m), velocities and efforts of joints."""
 

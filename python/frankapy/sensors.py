@@ -46,6 +46,9 @@ class SensorPublisher:
         self._socket.sndhwm = 10_000
         self._socket.connect(endpoint)
 
+    def __repr__(self) -> str:
+        return f"SensorPublisher({self.topic!r})"
+
     def publish(self, message: Message) -> None:
         """Send a message of wire/proto/sensors.proto, or of a part of your own.
 

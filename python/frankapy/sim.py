@@ -134,6 +134,9 @@ class Simulation(ControlChannel):
         """Process ids: the arms', then the server's."""
         return [child.process.pid for child in self._children]
 
+    def __repr__(self) -> str:
+        return f"Simulation(arms at {', '.join(self.addresses)}; server {self.server})"
+
     def __enter__(self) -> Simulation:
         return self
 

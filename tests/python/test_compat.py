@@ -1,5 +1,6 @@
 """What scripts published for frankapy rely on: names, numbers, helpers, and rospy's stand-in."""
 
+import ast
 import inspect
 import os
 import pickle
@@ -34,6 +35,84 @@ METHODS = """
     publish_sensor_data log_info get_time is_gripper_skill_done
 """.split()
 
+T = "buffer_time=0.2 force_thresholds=None torque_thresholds=None"
+I = "cartesian_impedances=None joint_impedances=None"
+G = "k_gains=None d_gains=None"
+B = "block=True ignore_errors=True"
+W = "ignore_virtual_walls=False"
+SIGNATURES = f"""
+    goto_pose tool_pose duration=3 use_impedance=True dynamic=False {T} {I} {B} {W} skill_desc='GoToPose'
+    goto_pose_delta delta_tool_pose duration=3 use_impedance=True {T} {I} {B} {W} skill_desc='GoToPoseDelta'
+    goto_joints joints duration=5 use_impedance=False dynamic=False {T} {I} {G} {B} {W} skill_desc='GoToJoints'
+    execute_cartesian_velocities cartesian_velocities cartesian_accelerations duration=5 dynamic=False {T} {I} {B} {W} skill_desc
+    execute_joint_velocities joint_velocities joint_accelerations duration=5 dynamic=False {T} {I} {B} {W} skill_desc
+    execute_joint_torques joint_torques selection remove_gravity duration=5 dynamic=False {T} {G} {B} {W} skill_desc
+    execute_joint_dmp joint_dmp_info duration initial_sensor_values=None use_impedance=False {T} {I} {G} {B} skill_desc='JointDmp'
+    execute_pose_dmp pose_dmp_info duration use_goal_formulation=False initial_sensor_values=None orientation_only=False
+        position_only=False ee_frame=False use_impedance=True {T} {I} {B} skill_desc='PoseDmp'
+    execute_quaternion_pose_dmp position_dmp_info quat_dmp_info duration goal_quat goal_quat_time use_goal_formulation=False
+        initial_sensor_values=None ee_frame=False use_impedance=True {T} {I} {B} skill_desc='QuaternionPoseDmp'
+    apply_effector_forces_torques run_duration acc_duration max_translation max_rotation forces=None torques=None {T} {B}
+        skill_desc='ForceTorque'
+    apply_effector_forces_along_axis run_duration acc_duration max_translation forces {T} {B} skill_desc='ForcesAlongAxis'
+    run_guide_mode duration=10 block=True skill_desc='GuideMode'
+    selective_guidance_mode duration=5 use_joints=False use_impedance=False use_ee_frame=False {T} {I} {G} {B} {W}
+        skill_desc='SelectiveGuidance'
+    run_dynamic_force_position duration=3 {T} position_kps_cart force_kps_cart position_kps_joint force_kps_joint S
+        interpolate=False use_cartesian_gains=True ignore_errors=True {W} skill_desc=''
+    reset_joints duration=5 {B} skill_desc=''
+    reset_pose duration=5 {B} skill_desc=''
+    goto_gripper width grasp=False speed=0.04 force=0.0 epsilon_inner=0.08 epsilon_outer=0.08 {B} skill_desc='GoToGripper'
+    open_gripper block=True skill_desc='OpenGripper'
+    close_gripper grasp=True block=True skill_desc='CloseGripper'
+    home_gripper block=True skill_desc='HomeGripper'
+    stop_gripper block=True skill_desc='StopGripper'
+    wait_for_franka_interface timeout=None
+    is_skill_done ignore_errors=True
+    get_pose include_tool_offset=True
+    get_links_transforms joints use_rigid_transforms=False
+    get_collision_boxes_poses joints=None use_rigid_transforms=False
+    check_box_collision box joints=None
+    is_joints_in_collision_with_boxes joints=None boxes=None
+    apply_joint_torques torques duration ignore_errors=True skill_desc=''
+    publish_sensor_values sensor_values=None
+"""
+CONSTANTS = """
+    HOME_JOINTS HOME_POSE READY_JOINTS READY_POSE JOINT_LIMITS_MIN JOINT_LIMITS_MAX DEFAULT_TERM_BUFFER_TIME
+    DYNAMIC_SKILL_WAIT_TIME GRIPPER_CMD_SLEEP_TIME ACTION_WAIT_LOOP_TIME DEFAULT_FRANKA_INTERFACE_TIMEOUT DEFAULT_POSE_THRESHOLDS
+    DEFAULT_JOINT_THRESHOLDS GRIPPER_WIDTH_MAX GRIPPER_WIDTH_MIN GRIPPER_MAX_FORCE MAX_LIN_MOMENTUM MAX_ANG_MOMENTUM
+    MAX_LIN_MOMENTUM_CONSTRAINED DEFAULT_K_GAINS DEFAULT_D_GAINS DEFAULT_TRANSLATIONAL_STIFFNESSES DEFAULT_ROTATIONAL_STIFFNESSES
+    DEFAULT_JOINT_IMPEDANCES DEFAULT_CARTESIAN_IMPEDANCES DEFAULT_FORCE_AXIS_TRANSLATIONAL_STIFFNESS
+    DEFAULT_FORCE_AXIS_ROTATIONAL_STIFFNESS DEFAULT_HFPC_FORCE_GAIN DEFAULT_HFPC_S DEFAULT_LOWER_TORQUE_THRESHOLDS_ACCEL
+    DEFAULT_UPPER_TORQUE_THRESHOLDS_ACCEL DEFAULT_LOWER_TORQUE_THRESHOLDS_NOMINAL DEFAULT_UPPER_TORQUE_THRESHOLDS_NOMINAL
+    DEFAULT_LOWER_FORCE_THRESHOLDS_ACCEL DEFAULT_UPPER_FORCE_THRESHOLDS_ACCEL DEFAULT_LOWER_FORCE_THRESHOLDS_NOMINAL
+    DEFAULT_UPPER_FORCE_THRESHOLDS_NOMINAL DH_PARAMS N_REV_JOINTS COLLISION_BOX_SHAPES COLLISION_BOX_LINKS COLLISION_BOX_POSES
+    WORKSPACE_WALLS JOINT_NAMES DEFAULT_SENSOR_PUBLISHER_TOPIC EMPTY_SENSOR_VALUES LOGGING_LEVEL
+""".split()
+SENSOR_MESSAGES = """
+    PosePositionSensorMessage id timestamp position quaternion
+    PosePositionVelocitySensorMessage id timestamp seg_run_time position quaternion pose_velocities
+    JointPositionSensorMessage id timestamp joints
+    JointPositionVelocitySensorMessage id timestamp seg_run_time joints joint_vels
+    JointVelocitySensorMessage id timestamp joint_velocities
+    CartesianVelocitySensorMessage id timestamp cartesian_velocities
+    ForcePositionSensorMessage id timestamp seg_run_time pose force
+    ForcePositionControllerSensorMessage id timestamp position_kps_cart force_kps_cart position_kps_joint force_kps_joint selection
+    CartesianImpedanceSensorMessage id timestamp translational_stiffnesses rotational_stiffnesses
+    JointTorqueControllerSensorMessage id timestamp selection remove_gravity joint_torques k_gains d_gains
+    ShouldTerminateSensorMessage timestamp should_terminate
+    BoundingBox name id x y w h
+"""
+SKILL_METHODS = """
+    set_meta_skill_type set_meta_skill_id add_initial_sensor_values add_trajectory_params add_feedback_controller_params
+    add_termination_params add_timer_params set_cartesian_impedances set_joint_impedances add_cartesian_impedances
+    add_force_axis_params add_internal_impedances add_joint_torques add_force_position_params add_joint_gains
+    check_for_contact_params add_contact_termination_params add_joint_threshold_params add_pose_threshold_params
+    add_time_termination_params add_gripper_params add_impulse_params add_goal_cartesian_velocities add_goal_pose add_goal_joints
+    add_goal_joint_velocities add_joint_dmp_params add_pose_dmp_params add_quaternion_pose_dmp_params add_run_time create_goal
+    feedback_callback
+""".split()
+
 
 def run_script(text, server="", **options):
     """Run a script as one for ROS is run here; return what it printed."""
@@ -51,6 +130,65 @@ def run_script(text, server="", **options):
 def test_every_method_is_there_and_says_what_it_does():
     for name in METHODS:
         assert inspect.getdoc(getattr(FrankaArm, name)), name
+
+
+def test_arguments_have_their_places_and_defaults():
+    for line in SIGNATURES.replace("\n        ", " ").strip().splitlines():
+        name, *expected = line.split()
+        parameters = list(inspect.signature(getattr(FrankaArm, name)).parameters.values())[1:]
+        assert [parameter.name for parameter in parameters] == [each.split("=")[0] for each in expected], name
+        defaults = {each.split("=")[0]: each.split("=")[1] for each in expected if "=" in each}
+        for parameter in parameters:
+            if parameter.name in defaults:
+                assert parameter.default == ast.literal_eval(defaults[parameter.name]), f"{name}: {parameter.name}"
+    constructor = list(inspect.signature(FrankaArm.__init__).parameters)[1:8]
+    assert constructor == ["rosnode_name", "ros_log_level", "robot_num", "with_gripper", "old_gripper", "offline", "init_node"]
+    assert {"node_name", "init_rclpy"} <= set(inspect.signature(FrankaArm.__init__).parameters)
+
+
+def test_every_constant_and_every_field_of_a_sensor_message_is_there():
+    assert not [name for name in CONSTANTS if not hasattr(FC, name)]
+    for line in SENSOR_MESSAGES.strip().splitlines():
+        name, *fields = line.split()
+        assert [field.name for field in getattr(proto, name).DESCRIPTOR.fields][: len(fields)] == fields, name
+
+
+def test_a_skill_is_described_as_it_was_sent():
+    from frankapy.skill_list import Skill
+
+    assert all(inspect.getdoc(getattr(Skill, name)) for name in SKILL_METHODS)
+    skill = Skill(
+        frankapy.SkillType.ImpedanceControlSkill,
+        frankapy.TrajectoryGeneratorType.JointDmpTrajectoryGenerator,
+        feedback_controller_type=frankapy.FeedbackControllerType.JointImpedanceFeedbackController,
+        termination_handler_type=frankapy.TerminationHandlerType.TimeTerminationHandler,
+        skill_desc="a dmp",
+    )
+    info = dict(tau=0.5, alpha=60, beta=15, num_basis=2, num_sensors=1, mu=[1, 0.8], h=[50, 50], weights=np.ones((7, 1, 2)))
+    skill.add_joint_dmp_params(3, info, [1])
+    skill.set_joint_impedances(True, None, None, None, None)
+    skill.add_time_termination_params(buffer_time=0.2)
+    goal = skill.create_goal()
+    assert (goal.skill_type, goal.trajectory_generator_type, goal.skill_description) == (4, 6, "a dmp")
+    trajectory = proto.JointDMPTrajectoryGeneratorMessage.FromString(goal.trajectory_generator_param_data)
+    assert trajectory.run_time == 3 and len(trajectory.weights) == 14 and list(trajectory.basis_mean) == [1, 0.8]
+    gains = proto.JointImpedanceFeedbackControllerMessage.FromString(goal.feedback_controller_param_data)
+    assert list(gains.k_gains) == FC.DEFAULT_K_GAINS
+    assert not skill.check_for_contact_params(0.2, None, None) and skill.check_for_contact_params(0.2, [10] * 6, None)
+    contact = proto.ContactTerminationHandlerMessage.FromString(goal.termination_handler_param_data)
+    assert goal.termination_handler_type == 0 and len(contact.force_thresholds) == 6 and not contact.torque_thresholds
+    skill.add_quaternion_pose_dmp_params(
+        False, 3, info | {"weights": np.ones(6)}, info | {"weights": np.zeros(6)}, [1, 1, 1], [1, 0, 0, 0], 2
+    )
+    turn = proto.QuaternionPoseDMPTrajectoryGeneratorMessage.FromString(goal.trajectory_generator_param_data)
+    assert turn.tau_pos == turn.tau_quat == 0.5 and turn.goal_quat_w == 1 and list(turn.pos_weights) == [1] * 6
+    for call, text in (
+        (lambda: skill.add_goal_joints(3, [0] * 6), "joints has 6 elements: expected 7"),
+        (lambda: skill.add_run_time(-1), "run_time is -1: expected at least 0"),
+        (lambda: skill.add_joint_dmp_params(3, info | {"weights": [1]}, [1]), "weights has 1 elements: expected 14"),
+    ):
+        with pytest.raises(FrankaArmArgumentError, match=text):
+            call()
 
 
 def test_what_is_imported_from_where():

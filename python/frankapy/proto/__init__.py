@@ -5,6 +5,7 @@ They are made of wire/proto by the build; units, sizes, ranges and defaults are 
 """
 
 try:
+    from frankapy.proto import reprs  # noqa: F401
     from frankapy.proto import sensors_pb2 as sensor_msg_pb2
     from frankapy.proto.controllers_pb2 import *  # noqa: F403
     from frankapy.proto.published_parameters import *  # noqa: F403
