@@ -13,6 +13,8 @@ struct Limiter::Impl {
 Limiter::Limiter(const models::Limits&) : impl_(std::make_unique<Impl>()) {}
 Limiter::~Limiter() = default;
 
+void Limiter::reduce(const models::Limits&) noexcept {}
+void Limiter::bound(const Vector7&) noexcept {}
 void Limiter::reset(const Reference& from) noexcept { impl_->last = from; }
 void Limiter::joints_follow(const JointsOfPose&, const JointsOfPose&, bool) noexcept {}
 bool Limiter::has_room() noexcept { return true; }
@@ -36,6 +38,7 @@ bool Limiter::brake(double, Reference& out) noexcept {
 void Limiter::coast(double, Reference& out) noexcept { out = impl_->last; }
 bool Limiter::reconcile(const Reference&, int, double, double, Reference&) noexcept { return false; }
 const Reference& Limiter::last() const noexcept { return impl_->last; }
+Vector7 Limiter::joint_velocity_to_come() const noexcept { return impl_->last.joint.dq; }
 bool Limiter::stuck() const noexcept { return false; }
 
 bool Limiter::at_rest() const noexcept {
@@ -53,7 +56,7 @@ bool TorqueLimiter::limit(const Vector7& wanted, const Vector7&, double, Vector7
   return false;
 }
 
-JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {}
+JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits), asked_(limits.dq_max) {}
 bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vector7&, const Lead&, Vector7&) noexcept {
   return false;
 }

@@ -36,6 +36,7 @@ from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
 from frankapy.franka_constants import FrankaConstants as FC
 from frankapy.hand import Hand
 from frankapy.interrupts import stop_on_interrupt
+from frankapy.limits import Limits
 from frankapy.motions import Motions
 from frankapy.parts import Kind, describe
 from frankapy.poses import TOOL, TOOL_BASE, WORLD
@@ -976,10 +977,13 @@ class FrankaArm:
     # --- kinematics ----------------------------------------------------------------------------------------------
 
     @property
-    def limits(self) -> proto.JointLimits:
-        """Of the joints of the connected arm: range (q_min, q_max, rad), where motions may end (rest_min, rest_max, rad), and
-        greatest velocities (dq_max, rad/s)."""
-        return self._server.welcome.limits
+    def limits(self) -> Limits:
+        """Of the connected arm: the range of its joints, and what bounds its motions and can be reduced; see frankapy.limits."""
+
+        def change(limits: proto.ChangeLimits) -> proto.LimitsInForce:
+            return self._server.ask(proto.Request(change_limits=limits)).limits
+
+        return Limits(self._server.welcome, change, lambda: self.get_arm_state().robot)
 
     def is_joints_reachable(self, joints: Numbers) -> bool:
         """Return whether `goto_joints` finds joints (rad, (7,)) inside the range of the connected arm; offline, of the FER.

@@ -22,6 +22,8 @@ _HELD_BY = {
     proto.WALL: ("a wall", "#2ca02c"),
     proto.HELD_ARM: ("a held arm", "#9467bd"),
     proto.ITSELF: ("the arm itself", "#17becf"),
+    proto.TOOL_SPEED: ("the tool's greatest speed", "#d62728"),
+    proto.POWER: ("the greatest power", "#7f7f7f"),
 }
 
 

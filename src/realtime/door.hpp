@@ -7,6 +7,7 @@
 #include "bridge/queue.hpp"
 #include "bridge/ring.hpp"
 #include "bridge/slot.hpp"
+#include "realtime/bounds.hpp"
 #include "realtime/skill.hpp"
 #include "realtime/walls/wall_guard.hpp"
 #include "wire/fci/robot_command.hpp"
@@ -61,6 +62,7 @@ struct Door {
   bridge::Slot<Skill> queued;  // waits for the one before, see Skill::after; put where it is empty
   bridge::Slot<Change> change;  // of the running skill; put where it is empty, and after the last one is back in `changed`
   bridge::Slot<Walls> walls;    // take the place of those before
+  bridge::Slot<Bounds> bounds;  // likewise
   std::atomic<std::uint64_t> stop_up_to{0};  // skills with this id or a smaller one brake and end; then the
                                              // loop holds. Of one that is not yet taken nothing is run
   std::atomic<bool> recover{false};  // ask the robot for automatic error recovery; answered in `recoveries`
@@ -73,6 +75,7 @@ struct Door {
   bridge::Queue<Skill*> retired{64};
   bridge::Queue<Change*> changed{4};  // to be destroyed by the receiver
   bridge::Queue<Walls*> former_walls{4};  // to be destroyed by the receiver
+  bridge::Queue<Bounds*> taken_bounds{4};  // likewise
   bridge::Queue<RecoveryResult> recoveries{16};
   bridge::Ring<Record> records;
 };

@@ -13,6 +13,8 @@ enum class HeldBy : std::uint8_t {
   kWall = 8,
   kArm = 16,          // which stays behind, as something holds it
   kItself = 32,       // the arm, which would have come near to itself
+  kToolSpeed = 64,    // Bounds::tool_speed
+  kPower = 128,       // Bounds::power
 };
 
 constexpr HeldBy operator|(HeldBy a, HeldBy b) { return static_cast<HeldBy>(static_cast<int>(a) | static_cast<int>(b)); }

@@ -22,7 +22,7 @@ constexpr int kPasses = 4;             // through the joints, as each moves the 
 
 }  // namespace
 
-JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits) {
+JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits), asked_(limits.dq_max) {
   for (int i = 0; i < models::kJoints; ++i) {
     end_min_[i] = std::max(rest_min(limits, i), limits.q_min[i] + kEndMargin);
     end_max_[i] = std::min(rest_max(limits, i), limits.q_max[i] - kEndMargin);
@@ -48,7 +48,10 @@ bool JointBarrier::add(const Vector7& q, const Vector7& dq, const Matrix7& mobil
     }
     most[i] = kApproach * (greatest - speed);
     if (brakable < allowed) most[i] -= brake * std::min(speed / std::max(brakable, 1e-3), 1.);
-    near |= speed > kFarFrom * greatest;
+    // One that has just become too fast, as less is allowed, has time for it.
+    const double asked = kSpeedShare * asked_[i];
+    most[i] = std::min(most[i], std::max(kApproach * (asked - speed), -brake));
+    near |= speed > kFarFrom * std::min(greatest, asked);
 
     const double beyond = q[i] > end_max_[i] ? q[i] - end_max_[i] : std::min(q[i] - end_min_[i], 0.);
     needed |= beyond != 0;

@@ -15,6 +15,9 @@ class JointBarrier {
  public:
   explicit JointBarrier(const models::Limits& limits);
 
+  // From now on keeps to these velocities too.
+  void reduce(const models::Limits& asked) noexcept { asked_ = asked.dq_max; }
+
   // How its reference moves (rad/s), and how far away from it the arm is (rad). One that is far, as something held it, goes
   // back slowly, all of the way; a hand that pushes it farther is not hindered.
   struct Lead {
@@ -28,6 +31,7 @@ class JointBarrier {
 
  private:
   models::Limits limits_;
+  models::Vector7 asked_;  // greatest velocities, rad/s
   Vector7 end_min_, end_max_;  // where pushing back begins, rad
   bool returns_ = false;       // from afar, and is not there yet
 };

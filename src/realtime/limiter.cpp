@@ -24,6 +24,8 @@ constexpr double kGentleJerk = 0.05;
 // s in which a pose that catches up gives back the acceleration it has, at least: with gentle jerk alone one that was left in
 // mid-motion would be led far astray.
 constexpr double kGiveBack = 0.03;
+// The same where what is asked for has been reduced below the limits of the arm: soon enough not to come far beyond.
+constexpr double kSoon = 0.005;
 // Share that a pose brakes with where that does not do, and how near to a limit of acceleration or jerk that may lead.
 constexpr double kHardJerk = 0.5;
 constexpr double kMostStrain = 0.95;
@@ -212,6 +214,10 @@ struct Motion {
 
 struct Limiter::Impl : Motion {
   models::Limits limits;
+  models::Limits asked;  // of what is followed
+  bool reduced = false;  // they are less
+  Vector7 fastest = Vector7::Constant(std::numeric_limits<double>::infinity());  // likewise, rad/s
+
   Channels motion = Channels::kJoint;
   Reference last;  // output
   Motion before;   // the last output
@@ -231,13 +237,12 @@ struct Limiter::Impl : Motion {
   Planner<3> part_follow;
   Planner<1> stop;
 
-  explicit Impl(const models::Limits& of) : limits(of) {
+  explicit Impl(const models::Limits& of) : limits(of), asked(of) {
     translation.limits = limits.translation;
     rotation.limits = limits.rotation;
     joint_brake.in.control_interface = ruckig::ControlInterface::Velocity;
     stop.in.control_interface = ruckig::ControlInterface::Velocity;
     for (int i = 0; i < kJoints; ++i) {
-      joint_follow.in.max_jerk[i] = kGentleJerk * limits.dddq_max[i];
       joint_brake.in.max_jerk[i] = kGentleJerk * limits.dddq_max[i];
       joint_brake.in.max_acceleration[i] = kShare * limits.ddq_max[i];
       (*joint_brake.in.min_acceleration)[i] = -kShare * limits.ddq_max[i];
@@ -312,6 +317,28 @@ struct Limiter::Impl : Motion {
     return can_stop(i, q, step.velocity, step.acceleration);
   }
 
+  // With which such an acceleration is given back in following.
+  double follow_jerk(int i, double acceleration) const {
+    const double most = kPlanShare * asked.dddq_max[i], gentle = std::min(kGentleJerk * limits.dddq_max[i], most);
+    return reduced ? std::clamp(std::abs(acceleration) / kSoon, gentle, std::min(kHardJerk * limits.dddq_max[i], most)) : gentle;
+  }
+
+  // The velocity that a joint comes to meanwhile.
+  double velocity_to_come(int i, double velocity, double acceleration) const {
+    return velocity + acceleration * std::abs(acceleration) / (2 * follow_jerk(i, acceleration));
+  }
+
+  // That step, and what must come of it, are inside what may be asked for.
+  bool may_be_asked(int i, const Step& step, double dt) const {
+    if (!reduced) return true;
+    const double v = step.delta / dt;
+    const double a = (v - joints[i].v) / dt;
+    const double j = (a - joints[i].a) / dt;
+    const double fastest_here = std::min(kShare * asked.dq_max[i], fastest[i]) * kRounding;
+    return std::abs(v) <= fastest_here && std::abs(velocity_to_come(i, step.velocity, step.acceleration)) <= fastest_here &&
+           std::abs(a) <= kShare * asked.ddq_max[i] * kRounding && std::abs(j) <= kShare * asked.dddq_max[i] * kRounding;
+  }
+
   // What a step that is asked for means when it is taken as it is.
   Step as_wanted(const Joint& joint, double q, double dt) const {
     const double delta = q - joint.q;
@@ -363,8 +390,8 @@ struct Limiter::Impl : Motion {
     auto& in = joint_follow.in;
     Vector7 velocity, acceleration;
     for (int i = 0; i < kJoints; ++i) {
-      const double V = kPlanShare * limits.dq_max[i];
-      const double A = kPlanShare * limits.ddq_max[i];
+      const double V = std::min(kPlanShare * asked.dq_max[i], fastest[i]);
+      const double A = kPlanShare * asked.ddq_max[i];
       const double q = std::clamp(wanted.q[i], limits.q_min[i], limits.q_max[i]);
       const bool inside = q == wanted.q[i];
       velocity[i] = inside ? std::clamp(wanted.dq[i], -V, V) : 0;
@@ -380,6 +407,7 @@ struct Limiter::Impl : Motion {
       (*in.min_velocity)[i] = std::min(lower - velocity[i], -kLeastShare * V);
       in.max_acceleration[i] = std::max(A - acceleration[i], kLeastShare * A);
       (*in.min_acceleration)[i] = std::min(-A - acceleration[i], -kLeastShare * A);
+      in.max_jerk[i] = follow_jerk(i, joints[i].acceleration - acceleration[i]);
     }
     if (!joint_follow.plan()) return false;
     joint_follow.step(dt, steps);
@@ -395,8 +423,9 @@ struct Limiter::Impl : Motion {
     std::array<bool, kJoints> pass;
     bool all = true;
     for (int i = 0; i < kJoints; ++i) {
-      pass[i] = std::abs(wanted.dq[i]) <= limits.dq_max[i] && std::abs(wanted.ddq[i]) <= limits.ddq_max[i] &&
-                admissible(i, as_wanted(joints[i], wanted.q[i], dt), dt);
+      const Step step = as_wanted(joints[i], wanted.q[i], dt);
+      pass[i] = std::abs(wanted.dq[i]) <= asked.dq_max[i] && std::abs(wanted.ddq[i]) <= asked.ddq_max[i] &&
+                may_be_asked(i, step, dt) && admissible(i, step, dt);
       all &= pass[i] && !joints[i].held;
     }
     std::array<Step, kJoints> follow, brake;
@@ -453,6 +482,40 @@ struct Limiter::Impl : Motion {
            last.norm() <= kShare * part.limits.velocity * kRounding;
   }
 
+  const models::Limits::Rates& asked_of(const Part& part) const { return &part == &translation ? asked.translation : asked.rotation; }
+
+  // As for joints.
+  bool may_be_asked(const Part& part, const PartStep& step, double dt) const {
+    if (!reduced) return true;
+    const models::Limits::Rates& most = asked_of(part);
+    const Vector3 v = step.delta / dt;
+    const Vector3 a = (v - part.v) / dt;
+    const Vector3 j = (a - part.a) / dt;
+    const double J = give_back_jerk(part, part.limits.jerk, step.acceleration.norm());
+    const Vector3 last = step.velocity + step.acceleration * (step.acceleration.norm() / (2 * J));
+    return std::max(v.norm(), last.norm()) <= kShare * most.velocity * kRounding &&
+           a.norm() <= kShare * most.acceleration * kRounding && j.norm() <= kShare * most.jerk * kRounding;
+  }
+  bool joints_may_be_asked(const PartStep& linear, const PartStep& angular, double dt) const {
+    if (!reduced || !has_along) return true;
+    const Vector7 v = along.dq_dP * twist(linear.delta, angular.delta) / dt;
+    const Vector7 a = (v - along_v) / dt;
+    const Vector7 j = (a - along_a) / dt;
+    for (int i = 0; i < kJoints; ++i) {
+      if (!(std::abs(v[i]) <= kShare * asked.dq_max[i] && std::abs(a[i]) <= kShare * asked.ddq_max[i] &&
+            std::abs(j[i]) <= kShare * asked.dddq_max[i])) {
+        return false;
+      }
+    }
+    return true;
+  }
+
+  // With which a part gives such an acceleration back in following; `jerk`: what it may use for itself.
+  double give_back_jerk(const Part& part, double jerk, double acceleration) const {
+    const double J = std::clamp(acceleration / (reduced ? kSoon : kGiveBack), kGentleJerk * jerk, kHardJerk * jerk);
+    return std::min(J, kPlanShare * asked_of(part).jerk);
+  }
+
   PartStep as_wanted(const Part& part, const Vector3& delta, double dt) const {
     const Vector3 v = delta / dt;
     const Vector3 a = (v - part.v) / dt;
@@ -503,12 +566,12 @@ struct Limiter::Impl : Motion {
 
   // What this part may use for itself in any direction, each half of what the joints can.
   models::Limits::Rates own_limits(const Part& part) const noexcept {
-    models::Limits::Rates own = part.limits;
+    models::Limits::Rates own = {asked_of(part).velocity, asked_of(part).acceleration, part.limits.jerk};
     if (!has_along) return own;
     for (int i = 0; i < kJoints; ++i) {
       const double share = kAlongPlanShare / 2 / along.dq_dP.row(i).segment<3>(&part == &translation ? 0 : 3).norm();
-      own.velocity = std::min(own.velocity, share * limits.dq_max[i]);
-      own.acceleration = std::min(own.acceleration, share * limits.ddq_max[i]);
+      own.velocity = std::min(own.velocity, share * asked.dq_max[i]);
+      own.acceleration = std::min(own.acceleration, share * asked.ddq_max[i]);
       own.jerk = std::min(own.jerk, share * limits.dddq_max[i]);
     }
     // As fast as keeps the drift, which goes with the square of the speed.
@@ -569,8 +632,7 @@ struct Limiter::Impl : Motion {
     const double A = kPlanShare * own.acceleration;
     const Vector3 velocity = limited(wanted_velocity, V);
     const Vector3 acceleration = limited(wanted_acceleration, A);
-    const double J =
-        std::clamp((part.acceleration - acceleration).norm() / kGiveBack, kGentleJerk * own.jerk, kHardJerk * own.jerk);
+    const double J = give_back_jerk(part, own.jerk, (part.acceleration - acceleration).norm());
     const double axis = 1 / std::sqrt(3.0);
     const double V_axis = axis * std::max(V - velocity.norm(), kLeastShare * V);
     const double A_axis = axis * std::max(A - acceleration.norm(), kLeastShare * A);
@@ -702,8 +764,8 @@ struct Limiter::Impl : Motion {
     };
     const auto choice = [&](Part& part, const Vector3& delta, const Vector3& velocity, const Vector3& acceleration) {
       const PartStep step = as_wanted(part, delta, dt);
-      const bool pass = velocity.norm() <= part.limits.velocity && acceleration.norm() <= part.limits.acceleration &&
-                        admissible(part, step, dt);
+      const bool pass = velocity.norm() <= asked_of(part).velocity && acceleration.norm() <= asked_of(part).acceleration &&
+                        may_be_asked(part, step, dt) && admissible(part, step, dt);
       return Choice{part, delta, velocity, acceleration, step, step, pass};
     };
     Choice choices[] = {
@@ -711,7 +773,8 @@ struct Limiter::Impl : Motion {
         choice(rotation, log(wanted.orientation * orientation.conjugate()), wanted.velocity.tail<3>(),
                wanted.acceleration.tail<3>())};
     auto& [linear, angular] = choices;
-    if (linear.pass && angular.pass && !along_admissible(linear.wanted, angular.wanted, dt)) {
+    if (linear.pass && angular.pass &&
+        !(joints_may_be_asked(linear.wanted, angular.wanted, dt) && along_admissible(linear.wanted, angular.wanted, dt))) {
       linear.pass = angular.pass = false;
     }
     bool brake = false;
@@ -773,6 +836,24 @@ struct Limiter::Impl : Motion {
 
 Limiter::Limiter(const models::Limits& limits) : impl_(std::make_unique<Impl>(limits)) {}
 Limiter::~Limiter() = default;
+
+void Limiter::reduce(const models::Limits& asked) noexcept {
+  Impl& m = *impl_;
+  const auto same = [](const models::Limits::Rates& a, const models::Limits::Rates& b) {
+    return a.velocity == b.velocity && a.acceleration == b.acceleration && a.jerk == b.jerk;
+  };
+  m.asked = asked;
+  m.reduced = !(asked.dq_max == m.limits.dq_max && asked.ddq_max == m.limits.ddq_max && asked.dddq_max == m.limits.dddq_max &&
+                same(asked.translation, m.limits.translation) && same(asked.rotation, m.limits.rotation));
+}
+
+void Limiter::bound(const Vector7& dq) noexcept { impl_->fastest = dq; }
+
+Vector7 Limiter::joint_velocity_to_come() const noexcept {
+  Vector7 dq;
+  for (int i = 0; i < kJoints; ++i) dq[i] = impl_->velocity_to_come(i, impl_->joints[i].velocity, impl_->joints[i].acceleration);
+  return dq;
+}
 
 void Limiter::reset(const Reference& from) noexcept {
   // As if the outputs before had come with constant acceleration: differences lag by half a cycle.

@@ -25,6 +25,13 @@ class Limiter {
   explicit Limiter(const models::Limits& limits);
   ~Limiter();
 
+  // From now on what follow() is asked for, and what it plans to catch up, keeps to these limits too, each at most the arm's; a
+  // motion that is beyond is slowed inside the arm's. Braking and losses go by the arm's own.
+  void reduce(const models::Limits& asked) noexcept;
+
+  // Likewise to these velocities of the joints (rad/s, may be infinite), from the next follow() on.
+  void bound(const Vector7& dq) noexcept;
+
   // Continues from here: what the robot has as its last command. Motion, position, velocity and
   // acceleration count. To be called before all else, and whenever the reference jumps on purpose
   // (another motion, re-based by a controller, lost to an error).
@@ -69,6 +76,9 @@ class Limiter {
 
   // The last output.
   const Reference& last() const noexcept;
+
+  // Velocities to which its joints come while follow() gives their acceleration back, rad/s.
+  Vector7 joint_velocity_to_come() const noexcept;
 
   // The last output moves no more.
   bool at_rest() const noexcept;

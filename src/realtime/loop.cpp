@@ -112,6 +112,7 @@ bool Loop::cycle() noexcept {
   observe();
   take_answers();
   take_walls();
+  take_bounds();
   watch_robot();
   change_skill();
   prepare_motion();
@@ -402,6 +403,14 @@ void Loop::compute_torque() noexcept {
 void Loop::take_walls() noexcept {
   if (door_.walls.empty() || door_.former_walls.room() == 0) return;
   if (Walls* const former = gate_.walls().change(door_.walls.take())) door_.former_walls.push(former);
+}
+
+void Loop::take_bounds() noexcept {
+  if (door_.bounds.empty() || door_.taken_bounds.room() == 0) return;
+  Bounds* const bounds = door_.bounds.take();
+  gate_.keep_to(*bounds);
+  torque_gate_.keep_to(*bounds);
+  door_.taken_bounds.push(bounds);
 }
 
 void Loop::send_command() noexcept {

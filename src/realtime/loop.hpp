@@ -46,6 +46,7 @@ class Loop {
   void observe() noexcept;
   void take_answers() noexcept;
   void take_walls() noexcept;
+  void take_bounds() noexcept;
   void watch_robot() noexcept;
   void change_skill() noexcept;
   void prepare_motion() noexcept;

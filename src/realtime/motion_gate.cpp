@@ -3,14 +3,22 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <span>
 
+#include "realtime/felt_inertia.hpp"
 #include "realtime/rotation.hpp"
 
 namespace realtime {
 namespace {
 
 constexpr double kBeside = 2e-3;  // rad, m
+
+// Of the bounds, that a reference keeps to, as the arm is not quite where that is; and of the tool's speed where joints are slowed.
+constexpr double kBoundShare = 0.96, kPowerShare = 0.9, kSlowShare = 0.9;
+constexpr double kSoon = 0.1;         // s in which a joint that moves along goes a way that counts like one that is left
+constexpr double kNoWay = 1e-9;       // m, of the tool
+constexpr double kNoFaster = 1e-4;    // m/s in a cycle, of a tool that is being slowed
 
 constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
 
@@ -25,8 +33,13 @@ bool beside(const Reference& a, const Reference& b) {
 
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
-  walled_ = false;
+  walled_ = slowed_ = false;
   limiter_.reset(from);
+}
+
+void MotionGate::keep_to(const Bounds& bounds) noexcept {
+  bounds_ = bounds;
+  limiter_.reduce(bounds.limits);
 }
 
 void MotionGate::observe(const Reference& reference, const Vector7* q_d) noexcept {
@@ -56,11 +69,66 @@ double MotionGate::away(const Cycle& cycle) const noexcept {
   return std::max(way.head<3>().norm() / kReach, way.tail<3>().norm());
 }
 
+// The fastest that the tool becomes with the reference if it accelerates no more, m/s. Of a pose that is the limiter's to know.
+double MotionGate::tool_speed() const noexcept {
+  if (limiter_.last().motion != Channels::kJoint) return 0;
+  const auto J = model_.jacobian().topRows<3>();
+  return std::max((J * limiter_.last().joint.dq).norm(), (J * limiter_.joint_velocity_to_come()).norm());
+}
+
+// That the joints do with it, W.
+double MotionGate::power(const Reference& reference) const noexcept {
+  const bool joints = reference.motion == Channels::kJoint;
+  const Vector7 dq = joint_velocity();
+  const Vector7 ddq = joints ? reference.joint.ddq : Vector7(joints_.dq_dP * reference.cartesian.acceleration);
+  return dq.dot(felt_inertia(model_.mass()) * ddq + model_.coriolis());
+}
+
+// `fastest`: of the tool, that is not yet too fast, m/s.
+HeldBy MotionGate::beyond_bounds(const Reference& reference, double fastest) const noexcept {
+  return when(std::isfinite(bounds_.tool_speed) && tool_speed() > fastest, HeldBy::kToolSpeed) |
+         when(std::isfinite(bounds_.power) && power(reference) > kPowerShare * bounds_.power, HeldBy::kPower);
+}
+
+// So that they together do not move it faster.
+void MotionGate::share_tool_speed(const Reference& wanted) noexcept {
+  Vector7 dq = Vector7::Constant(std::numeric_limits<double>::infinity());
+  if (slowed_ && wanted.motion == Channels::kJoint && is_finite(wanted)) {
+    const Vector7 way = (wanted.joint.q - before_.joint.q).cwiseAbs() + kSoon * wanted.joint.dq.cwiseAbs();
+    const double of_tool = model_.jacobian().topRows<3>().colwise().norm().dot(way);
+    if (of_tool > kNoWay) dq = kSlowShare * bounds_.tool_speed / of_tool * way;
+  }
+  limiter_.bound(dq);
+}
+
+// One step, and what held it back. One that would be beyond the bounds is made by joints that are slowed; where that does not do,
+// it is a step of the way to rest.
+HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference) noexcept {
+  const double before = tool_speed() + kNoFaster, fastest = kBoundShare * bounds_.tool_speed;
+  share_tool_speed(wanted);
+  bool limited = limiter_.follow(wanted, kTick, reference);
+  slowed_ &= limited;
+  HeldBy held = beyond_bounds(reference, slowed_ ? std::max(fastest, before) : fastest);
+  if (has(held, HeldBy::kToolSpeed) && !slowed_) {
+    slowed_ = true;
+    limiter_.take_back();
+    share_tool_speed(wanted);
+    limited = limiter_.follow(wanted, kTick, reference);
+    held = beyond_bounds(reference, std::max(fastest, before));
+  }
+  if (held != HeldBy::kNothing) {
+    limiter_.take_back();
+    limiter_.brake(kTick, reference);
+  }
+  const bool pose_too_fast = wanted.motion == Channels::kPose && wanted.cartesian.velocity.head<3>().norm() > fastest;
+  return held | when(limited, HeldBy::kMotionLimits) | when(slowed_ || (limited && pose_too_fast), HeldBy::kToolSpeed);
+}
+
 // Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does
 // not do either, the way to rest, which was clear the last time.
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
-  HeldBy held = when(limiter_.follow(wanted, kTick, reference), HeldBy::kMotionLimits);
+  HeldBy held = keep_to_bounds(wanted, reference);
   const ArmCapsules* const arm = walls_.arm();
   if (arm == nullptr) return held;
   look_to_rest(reference);
@@ -78,7 +146,8 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
     if (along) {
       limiter_.follow(aside, kTick, reference);
       look_to_rest(reference);
-      along = walls_.clear(joints_.q, way_to_rest(), WallGuard::kClearance) && self_.clear(*arm, joints_.q, way_to_rest());
+      along = walls_.clear(joints_.q, way_to_rest(), WallGuard::kClearance) && self_.clear(*arm, joints_.q, way_to_rest()) &&
+              beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing;
       if (!along) limiter_.take_back();
     }
     if (!along) limiter_.brake(kTick, reference);

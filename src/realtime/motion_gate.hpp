@@ -4,6 +4,7 @@
 #include <span>
 
 #include "models/arm.hpp"
+#include "realtime/bounds.hpp"
 #include "realtime/cycle.hpp"
 #include "realtime/held_by.hpp"
 #include "realtime/limiter.hpp"
@@ -18,11 +19,16 @@ namespace realtime {
 // Where every reference goes through before it is sent, whatever robot controller runs: it judges the motion of the joints that
 // the reference means. Those of a pose are the robot's own where it makes them (q_d); else they follow the pose here, by
 // differential inverse kinematics from where the arm was, and are also what the null space of a controller is held to.
-// A reference is kept inside the limits of the arm, and on a way from which the arm can come to rest before it meets itself or
-// a wall.
+// A reference is kept inside the limits of the arm, on a way from which the arm can come to rest before it meets itself or a wall,
+// and inside the bounds of what may be asked for: where joints would together move the tool too fast, each gets its share of
+// that speed, by how far it has to go.
 class MotionGate {
  public:
-  MotionGate(const models::Limits& limits, Model& model) : model_(model), limiter_(limits), pose_joints_(model, limits) {}
+  MotionGate(const models::Limits& limits, Model& model)
+      : model_(model), bounds_(limits), limiter_(limits), pose_joints_(model, limits) {}
+
+  // From now on.
+  void keep_to(const Bounds& bounds) noexcept;
 
   // Continues from here. A pose that does not go on from what was commanded before has its joints where the arm is, q (rad).
   void reset(const Reference& from) noexcept;
@@ -50,11 +56,17 @@ class MotionGate {
   WallGuard& walls() noexcept { return walls_; }
 
  private:
+  HeldBy keep_to_bounds(const Reference& wanted, Reference& reference) noexcept;
+  HeldBy beyond_bounds(const Reference& reference, double fastest) const noexcept;
+  double tool_speed() const noexcept;
+  double power(const Reference& reference) const noexcept;
+  void share_tool_speed(const Reference& wanted) noexcept;
   void look_to_rest(const Reference& reference) noexcept;
   std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
   Reference past_walls(const Reference& wanted) const noexcept;
 
   Model& model_;
+  Bounds bounds_;
   Limiter limiter_;
   WallGuard walls_;
   SelfGuard self_;
@@ -64,6 +76,7 @@ class MotionGate {
   JointsOfPose joints_;
   Reference before_;
   bool walled_ = false;  // in the step before
+  bool slowed_ = false;  // joints, since the tool would have been too fast, until they have caught up
 };
 
 }  // namespace realtime

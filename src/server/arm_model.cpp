@@ -95,19 +95,23 @@ ArmModel choose_model(fci::Version version, const std::string& robot_urdf, const
   return other;
 }
 
-models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config) {
-  models::Limits limits = narrowed(models::limits(*model.arm, version), model.urdf);
+models::Limits scaled(models::Limits limits, double velocity, double acceleration, double jerk) {
   for (int i = 0; i < models::kJoints; ++i) {
-    limits.dq_max[i] *= config.limits.velocity;
-    limits.ddq_max[i] *= config.limits.acceleration;
-    limits.dddq_max[i] *= config.limits.jerk;
+    limits.dq_max[i] *= velocity;
+    limits.ddq_max[i] *= acceleration;
+    limits.dddq_max[i] *= jerk;
   }
   for (auto* rates : {&limits.translation, &limits.rotation, &limits.elbow}) {
-    rates->velocity *= config.limits.velocity;
-    rates->acceleration *= config.limits.acceleration;
-    rates->jerk *= config.limits.jerk;
+    rates->velocity *= velocity;
+    rates->acceleration *= acceleration;
+    rates->jerk *= jerk;
   }
   return limits;
+}
+
+models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config) {
+  return scaled(narrowed(models::limits(*model.arm, version), model.urdf), config.limits.velocity, config.limits.acceleration,
+                config.limits.jerk);
 }
 
 }  // namespace server

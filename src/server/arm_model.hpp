@@ -21,6 +21,9 @@ struct ArmModel {
 // doubts; one that the robot contradicts is refused (std::invalid_argument), as another arm's limits and masses would apply.
 ArmModel choose_model(fci::Version version, const std::string& robot_urdf, const std::string& configured);
 
+// With velocities, accelerations and jerks times these factors.
+models::Limits scaled(models::Limits limits, double velocity, double acceleration, double jerk);
+
 // Limits of that arm, scaled as configured. Throws std::invalid_argument where its URDF's contradict them.
 models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config);
 

@@ -73,7 +73,8 @@ class ArmProcess {
         recorder_(box, recordings, config.name, gripper_.get()),
         sensors_(context_, options.listen, options.sensor_port, box.journal),
         transport_(context_, options.listen, options.port, door_, publisher_, sensors_, recorder_, gripper_.get(),
-                   WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1)) {}
+                   WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1),
+                   LimitStore(config.limits, options.status_fd >= 0 ? ArmOptions::kLimitsFd : -1)) {}
 
   int run() {
     spdlog::info("requests at {}, states at {}", transport_.endpoint(), publisher_.endpoint());
@@ -251,6 +252,9 @@ class ArmProcess {
       out.add_rest_min(realtime::rest_min(limits, i));
       out.add_rest_max(realtime::rest_max(limits, i));
     }
+    double moving_mass = 0;
+    for (std::size_t i = 1; i < chosen.arm->links.size(); ++i) moving_mass += chosen.arm->links[i].mass;
+    welcome.set_moving_mass(moving_mass);
     for (const auto& deficiency : report.deficiencies) welcome.add_deficiencies(deficiency);
     return welcome;
   }

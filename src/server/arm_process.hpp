@@ -10,8 +10,8 @@ namespace server {
 
 struct ArmOptions {
   // What the supervisor gives to its children, and an exit status of theirs.
-  // See status_fd; memory of a PartRecord, of a BlackBox, of a WallStore.
-  static constexpr int kStatusFd = 3, kRecordFd = 4, kBlackBoxFd = 5, kWallsFd = 6;
+  // See status_fd; memory of a PartRecord, of a BlackBox, of a WallStore, of a LimitStore.
+  static constexpr int kStatusFd = 3, kRecordFd = 4, kBlackBoxFd = 5, kWallsFd = 6, kLimitsFd = 7;
   static constexpr int kHangs = 3;                    // a thread hung
 
   // A thread of an arm's process that is silent for longer hangs. The loop waits at most 1 s for the robot.

@@ -240,6 +240,12 @@ void read_limits(const toml::table& node, const std::string& source, ArmConfig& 
   factor("velocity", arm.limits.velocity);
   factor("acceleration", arm.limits.acceleration);
   factor("jerk", arm.limits.jerk);
+  factor("torque", arm.limits.torque);
+  const auto figure = [&](const char* key, std::optional<double>& value, double min, double max, const std::string& expected) {
+    if (const auto* found = table.find(key)) value = table.number(*found, key, min, max, expected);
+  };
+  figure("tool_speed", arm.limits.tool_speed, 0.01, 10, "0.01 to 10 m/s");
+  figure("power", arm.limits.power, 1, 10000, "1 to 10000 W");
   table.finish();
 }
 

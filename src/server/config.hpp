@@ -12,6 +12,12 @@
 
 namespace server {
 
+// The most that clients may ask for.
+struct LimitsConfig {
+  double velocity = 1, acceleration = 1, jerk = 1, torque = 1;  // of the robot's own
+  std::optional<double> tool_speed, power;                      // m/s, W
+};
+
 // What an arm's process is told; examples/arms.toml has every key with its unit.
 struct ArmConfig {
   std::string name;
@@ -21,9 +27,7 @@ struct ArmConfig {
   double hold_time = 2;  // s
   std::optional<int> processor;  // for the loop
   bool lockstep = false;         // a simulated arm that waits for each command: nothing needs real-time priority
-  struct {
-    double velocity = 1, acceleration = 1, jerk = 1;
-  } limits;
+  LimitsConfig limits;
   robot::Settings settings;  // load, tool, collision behaviour where given
   std::vector<frankapy::proto::Wall> walls;
 };

@@ -31,7 +31,8 @@ std::uint32_t convert(realtime::HeldBy held) {
                 static_cast<int>(HeldBy::kTorqueLimits) == proto::TORQUE_LIMITS &&
                 static_cast<int>(HeldBy::kJointLimits) == proto::JOINT_LIMITS &&
                 static_cast<int>(HeldBy::kWall) == proto::WALL && static_cast<int>(HeldBy::kArm) == proto::HELD_ARM &&
-                static_cast<int>(HeldBy::kItself) == proto::ITSELF);
+                static_cast<int>(HeldBy::kItself) == proto::ITSELF && static_cast<int>(HeldBy::kToolSpeed) == proto::TOOL_SPEED &&
+                static_cast<int>(HeldBy::kPower) == proto::POWER);
   return static_cast<std::uint32_t>(held);
 }
 

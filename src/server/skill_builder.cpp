@@ -183,7 +183,7 @@ proto::RobotController name_of(const robot::Mode& mode) {
 }
 
 SkillBuilder::SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits)
-    : model_(std::move(model)), limits_(limits), limiter_(limits) {}
+    : model_(std::move(model)), limits_of_loop_(limits), limits_(limits), limiter_(std::make_unique<realtime::Limiter>(limits)) {}
 
 std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message, const realtime::Record& now,
                                                      const Reference* after, bool path) {
@@ -376,10 +376,10 @@ double SkillBuilder::rate_with_room(Reference pose, const realtime::JointsOfPose
   pose.cartesian.acceleration.setZero();
   const auto has_room = [&](double rate) {
     pose.cartesian.velocity = rate * velocity;
-    limiter_.reset(pose);
-    limiter_.joints_follow(joints, joints, robots);
-    limiter_.joints_follow(joints, model_->joints_of_pose(limiter_.joints_ahead(joints.q)), robots);
-    return limiter_.has_room();
+    limiter_->reset(pose);
+    limiter_->joints_follow(joints, joints, robots);
+    limiter_->joints_follow(joints, model_->joints_of_pose(limiter_->joints_ahead(joints.q)), robots);
+    return limiter_->has_room();
   };
   if (has_room(1 / kRoomShare)) return 1;
   double most = 1 / kRoomShare, least = kLeastRate;
@@ -407,6 +407,11 @@ void SkillBuilder::check_joints_of_pose(const realtime::JointsOfPose& joints, co
     refuse(fmt::format("{}: {:.0f} % on, its path leads through a singular posture of the arm, [{:.4f}] rad; {}", kind, percent,
                        fmt::join(q, ", "), kOtherWay));
   }
+}
+
+void SkillBuilder::keep_to(const models::Limits& limits) {
+  limits_ = limits;
+  limiter_ = std::make_unique<realtime::Limiter>(limits);
 }
 
 void SkillBuilder::keep_from(std::unique_ptr<const realtime::Walls> walls, const WallStore& names) {

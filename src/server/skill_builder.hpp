@@ -32,6 +32,12 @@ class SkillBuilder {
   // have, into itself.
   void keep_from(std::unique_ptr<const realtime::Walls> walls, const WallStore& names);
 
+  // From now on builds for these limits, each at most the loop's.
+  void keep_to(const models::Limits& limits);
+
+  // As the loop has them.
+  const models::Limits& limits_of_loop() const { return limits_of_loop_; }
+
  private:
   realtime::Vector7 joints_at_start(const realtime::Record& now, const realtime::Reference* after);
   realtime::Reference start_of(realtime::Channels motion, const realtime::Record& now, const realtime::Reference* after,
@@ -58,8 +64,8 @@ class SkillBuilder {
   std::unique_ptr<const realtime::Walls> walls_;
   const WallStore* wall_names_ = nullptr;
   std::unique_ptr<realtime::Model> model_;
-  models::Limits limits_;
-  realtime::Limiter limiter_;  // of no motion: it judges places of a path
+  models::Limits limits_of_loop_, limits_;
+  std::unique_ptr<realtime::Limiter> limiter_;  // of no motion: it judges places of a path
 };
 
 // The name of a robot controller.

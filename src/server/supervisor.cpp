@@ -69,7 +69,8 @@ class Child {
         record_(map_part_record(record_fd_)),
         box_owner_(owner_of_box(config, config.arms[index])),
         box_fd_(make_black_box_file(box_owner_)),
-        walls_fd_(make_memory_file("walls", 0)) {
+        walls_fd_(make_memory_file("walls", 0)),
+        limits_fd_(make_memory_file("limits", 0)) {
     const ArmConfig& arm = config.arms[index];
     info_.set_name(arm.name);
     info_.set_address(arm.address);
@@ -81,6 +82,7 @@ class Child {
     forget_black_box(box_fd_);
     close(box_fd_);
     close(walls_fd_);
+    close(limits_fd_);
   }
   Child(const Child&) = delete;
 
@@ -127,12 +129,14 @@ class Child {
       if (dup2(config, STDIN_FILENO) < 0) _exit(127);
       // Through numbers that are nobody's: dup2() would close one for the other, and keep FD_CLOEXEC on itself.
       const int status = fcntl(ends[1], F_DUPFD, kFirstFreeFd), record = fcntl(record_fd_, F_DUPFD, kFirstFreeFd),
-                box = fcntl(box_fd_, F_DUPFD, kFirstFreeFd), walls = fcntl(walls_fd_, F_DUPFD, kFirstFreeFd);
+                box = fcntl(box_fd_, F_DUPFD, kFirstFreeFd), walls = fcntl(walls_fd_, F_DUPFD, kFirstFreeFd),
+                limits = fcntl(limits_fd_, F_DUPFD, kFirstFreeFd);
       if (dup2(status, ArmOptions::kStatusFd) < 0 || dup2(record, ArmOptions::kRecordFd) < 0 ||
-          dup2(box, ArmOptions::kBlackBoxFd) < 0 || dup2(walls, ArmOptions::kWallsFd) < 0) {
+          dup2(box, ArmOptions::kBlackBoxFd) < 0 || dup2(walls, ArmOptions::kWallsFd) < 0 ||
+          dup2(limits, ArmOptions::kLimitsFd) < 0) {
         _exit(127);
       }
-      syscall(SYS_close_range, ArmOptions::kWallsFd + 1, ~0U, 0);
+      syscall(SYS_close_range, ArmOptions::kLimitsFd + 1, ~0U, 0);
       execv("/proc/self/exe", argv.data());
       _exit(127);
     }
@@ -220,7 +224,7 @@ class Child {
   const std::shared_ptr<PartRecord> record_;
   const std::optional<BlackBoxOwner> box_owner_;
   int box_fd_;
-  const int walls_fd_;
+  const int walls_fd_, limits_fd_;
   std::future<void> writing_;
   proto::Arms::Arm info_;
   pid_t pid_ = 0;

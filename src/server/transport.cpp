@@ -139,12 +139,13 @@ std::string set_up(zmq::socket_t& socket, const std::string& listen, std::uint16
 
 Transport::Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
                      Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
-                     WallStore walls)
-    : Transport(context, listen, port, door, publisher, sensors, recorder, gripper, std::move(walls), Options()) {}
+                     WallStore walls, LimitStore limits)
+    : Transport(context, listen, port, door, publisher, sensors, recorder, gripper, std::move(walls), Options(),
+                std::move(limits)) {}
 
 Transport::Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
                      Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
-                     WallStore walls, Options options)
+                     WallStore walls, Options options, LimitStore limits)
     : door_(door),
       publisher_(publisher),
       sensors_(sensors),
@@ -154,13 +155,15 @@ Transport::Transport(zmq::context_t& context, const std::string& listen, std::ui
       endpoint_(set_up(socket_, listen, port)),
       connections_(context, socket_),
       options_(std::move(options)),
-      walls_(std::move(walls)) {
+      walls_(std::move(walls)),
+      limits_(std::move(limits)) {
   google::protobuf::SetLogHandler(nullptr);  // it writes a line for whatever it cannot read
 }
 
 Transport::~Transport() {
   take_results();
   take_former_walls();
+  take_taken_bounds();
 }
 
 void Transport::run(const std::atomic<bool>& quit) {
@@ -179,6 +182,7 @@ void Transport::run(const std::atomic<bool>& quit) {
     take_changes();
     hand_on_queued();
     take_former_walls();
+    take_taken_bounds();
     take_recoveries();
     take_gripper_results();
     expire_lease();
@@ -342,6 +346,7 @@ void Transport::answer(const Address& from, proto::Request& request, std::uint64
     case proto::Request::kGetServerStatus: return get_server_status(from);
     case proto::Request::kRecord: return record(from, request.record());
     case proto::Request::kChangeWalls: return change_walls(from, request.change_walls());
+    case proto::Request::kChangeLimits: return change_limits(from, request.change_limits());
     case proto::Request::kStopSkill: return stop_skill(from);
     case proto::Request::kSkillStatus: return skill_status(from, request.skill_status().skill_id());
     case proto::Request::kGripper: return start_gripper(from, request.gripper());
@@ -547,6 +552,7 @@ void Transport::put_on_workbench(std::shared_ptr<Build> build, void (Transport::
         SkillBuilder& builder = *build->connection.builder;
         const auto& walls = *build->connection.walls;
         builder.keep_from(std::make_unique<realtime::Walls>(walls.walls), walls.names);
+        builder.keep_to(build->connection.limits);
         build->skill = builder.build(build->message, require_state(), build->after ? &*build->after : nullptr, build->path);
       },
       [this, build, go_on] {
@@ -625,6 +631,37 @@ void Transport::hand_on_walls() {
   auto walls = walls_.make(models::arm(connection_.welcome.model()), gripper_ != nullptr);
   connection_.walls = std::make_shared<const WallsForBuilder>(WallsForBuilder{*walls, walls_});
   door_.walls.put(std::move(walls));
+}
+
+void Transport::change_limits(const Address& from, const proto::ChangeLimits& change) {
+  require_connection();  // to an arm, of which they are
+  proto::Reply reply;
+  {
+    const std::lock_guard lock(mutex_);
+    if (change.reset() || change.has_limits()) {
+      require_lease(from);
+      limits_.change(change);
+      take_lease(from);
+      hand_on_limits();
+    }
+    *reply.mutable_limits() = limits_.list();
+  }
+  send(from, reply);
+}
+
+// As hand_on_walls().
+void Transport::hand_on_limits() {
+  if (connection_.builder == nullptr) return;
+  const realtime::Bounds bounds = limits_.make();
+  connection_.limits = bounds.limits;
+  door_.bounds.put(std::make_unique<realtime::Bounds>(bounds));
+}
+
+void Transport::take_taken_bounds() {
+  while (realtime::Bounds* const* taken = door_.taken_bounds.front()) {
+    delete *taken;
+    door_.taken_bounds.pop();
+  }
 }
 
 void Transport::take_former_walls() {
@@ -809,8 +846,10 @@ void Transport::take_disconnection() {
 void Transport::connected(std::shared_ptr<SkillBuilder> builder, const proto::Welcome& welcome) {
   std::unique_lock lock(mutex_);
   settled_.wait_for(lock, std::chrono::seconds(1), [this] { return !disconnected_; });
-  connection_ = {std::move(builder), nullptr, welcome, ""};
+  limits_.connect(builder->limits_of_loop());
+  connection_ = {std::move(builder), nullptr, {}, welcome, ""};
   hand_on_walls();
+  hand_on_limits();
 }
 
 void Transport::disconnected(const std::string& why) {

@@ -19,6 +19,7 @@
 #include "frankapy/proto/service.pb.h"
 #include "realtime/door.hpp"
 #include "server/clock_estimate.hpp"
+#include "server/limit_store.hpp"
 #include "server/skill_builder.hpp"
 #include "server/sockets.hpp"
 #include "server/wall_store.hpp"
@@ -50,10 +51,10 @@ class Transport {
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
   Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
             Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
-            WallStore walls, Options options);
+            WallStore walls, Options options, LimitStore limits = LimitStore());
   Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
             Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
-            WallStore walls = WallStore({}));
+            WallStore walls = WallStore({}), LimitStore limits = LimitStore());
   ~Transport();
 
   const std::string& endpoint() const { return endpoint_; }
@@ -115,6 +116,7 @@ class Transport {
   struct Connection {
     std::shared_ptr<SkillBuilder> builder;  // null: not connected; the workbench's to use
     std::shared_ptr<const WallsForBuilder> walls;
+    models::Limits limits{};  // of what may be asked for
     frankapy::proto::Welcome welcome;
     std::string why_not = "the robot is being connected";
   };
@@ -157,6 +159,7 @@ class Transport {
   void get_server_status(const Address& from);
   void record(const Address& from, const frankapy::proto::Record& record);
   void change_walls(const Address& from, const frankapy::proto::ChangeWalls& change);
+  void change_limits(const Address& from, const frankapy::proto::ChangeLimits& change);
   void stop_skill(const Address& from);
   void skill_status(const Address& from, std::uint64_t id);
   void start_gripper(const Address& from, const frankapy::proto::GripperCommand& command);
@@ -169,6 +172,7 @@ class Transport {
   void end_skill(const realtime::SkillResult& result);
   void take_changes();
   void take_former_walls();
+  void take_taken_bounds();
   void take_recoveries();
   void take_gripper_results();
   void take_disconnection();
@@ -182,6 +186,7 @@ class Transport {
   void expire_lease();
   Connection require_connection() const;
   void hand_on_walls();
+  void hand_on_limits();
 
   void send(const Address& to, frankapy::proto::Reply& reply);
   void send_error(const Address& to, frankapy::proto::Error::Code code, const std::string& message);
@@ -214,6 +219,7 @@ class Transport {
   mutable std::mutex mutex_;
   Connection connection_;
   WallStore walls_;
+  LimitStore limits_;
   bool disconnected_ = false;  // and not dealt with yet
   std::condition_variable settled_;
 

@@ -2,14 +2,12 @@
 
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
 
+#include "server/kept.hpp"
 #include "server/refused.hpp"
-#include "server/system_call.hpp"
 
 namespace server {
 namespace {
@@ -80,29 +78,9 @@ WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd) : fd_(fd) {
     wall.set_fixed(true);
     put(wall, entries_, ++last_id_);
   }
-  if (fd_ >= 0) load();
-}
-
-void WallStore::load() {
-  struct stat file {};
-  if (fstat(fd_, &file) != 0 || file.st_size == 0) return;
-  std::string bytes(static_cast<std::size_t>(file.st_size), 0);
   proto::Walls walls;
-  if (pread(fd_, bytes.data(), bytes.size(), 0) != file.st_size || !walls.ParseFromString(bytes)) {
-    spdlog::error("the walls of clients could not be read again and are gone: add them anew");
-    return;
-  }
+  if (!load(fd_, walls)) spdlog::error("the walls of clients could not be read again and are gone: add them anew");
   for (const proto::Wall& wall : walls.walls()) put(wall, entries_, ++last_id_);
-}
-
-void WallStore::save() const {
-  proto::Walls walls;
-  for (const auto& [name, entry] : entries_) {
-    if (!entry.wall.fixed()) *walls.add_walls() = entry.wall;
-  }
-  const std::string bytes = walls.SerializeAsString();
-  if (pwrite(fd_, bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) failed("pwrite");
-  if (ftruncate(fd_, static_cast<off_t>(bytes.size())) != 0) failed("ftruncate");
 }
 
 void WallStore::put(const proto::Wall& wall, std::map<std::string, Entry>& into, std::uint32_t id) {
@@ -147,7 +125,11 @@ void WallStore::change(const proto::ChangeWalls& change) {
   }
   entries_ = std::move(entries);
   last_id_ = id;
-  if (fd_ >= 0) save();
+  proto::Walls kept;
+  for (const auto& [name, entry] : entries_) {
+    if (!entry.wall.fixed()) *kept.add_walls() = entry.wall;
+  }
+  save(fd_, kept);
 }
 
 proto::Walls WallStore::list() const {

@@ -37,9 +37,6 @@ class WallStore {
   };
   static void put(const frankapy::proto::Wall& wall, std::map<std::string, Entry>& into, std::uint32_t id);
 
-  void load();
-  void save() const;
-
   int fd_;
   std::map<std::string, Entry> entries_;
   std::uint32_t last_id_ = 0;

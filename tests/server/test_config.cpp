@@ -39,6 +39,7 @@ translation = [0.0, 0.1, 0.2]
 quaternion = [0.7071067811865476, 0, 0, 0.7071067811865476]
 [arm.limits]
 velocity = 0.5
+tool_speed = 0.25
 [arm.collision]
 lower_torque_thresholds = [1, 2, 3, 4, 5, 6, 7]
 upper_torque_thresholds = [10, 20, 30, 40, 50, 60, 70]
@@ -57,6 +58,8 @@ address = "172.16.0.3"
   EXPECT_EQ(left.hold_time, 5);
   EXPECT_EQ(left.limits.velocity, 0.5);
   EXPECT_EQ(left.limits.jerk, 1);
+  EXPECT_EQ(left.limits.tool_speed, 0.25);
+  EXPECT_FALSE(left.limits.power);
   ASSERT_TRUE(left.settings.load);
   EXPECT_EQ(left.settings.load->m_load, 0.5);
   EXPECT_EQ(left.settings.load->F_x_Cload[2], 0.05);
@@ -135,6 +138,7 @@ TEST(Config, EachErrorSaysWhereWhatAndWhatElse) {
       {kArm + "[arm.load]\nmass = 1\ninertia = [-1,0,0,0,1,0,0,0,1]\n", "arms.toml:6: arm.load.inertia = "},
       {kArm + "[arm.tool]\nquaternion = [1, 1, 0, 0]\n", "arms.toml:5: arm.tool.quaternion = [ 1, 1, 0, 0 ]: expected 4"},
       {kArm + "[arm.limits]\nvelocity = 1.5\n", "arms.toml:5: arm.limits.velocity = 1.5: expected a factor, 0.01 to 1"},
+      {kArm + "[arm.limits]\npower = 0\n", "arms.toml:5: arm.limits.power = 0: expected 1 to 10000 W"},
       {kArm + "[arm.limits]\nspeed = 1\n", "arms.toml:5: unknown key arm.limits.speed; known are velocity"},
       {kArm + "[arm.collision]\n", "arms.toml:4: arm.collision.lower_torque_thresholds is missing"},
       {kArm + kArm, "arms.toml:4: arm.name = 'left': another arm has this name"},

@@ -1,0 +1,287 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "allocation_counter.hpp"
+#include "realtime/bounds.hpp"
+#include "realtime/felt_inertia.hpp"
+#include "realtime/motion_gate.hpp"
+#include "realtime/torque_gate.hpp"
+#include "simulated_arm.hpp"
+
+namespace {
+
+using namespace realtime;
+using testing_tools::SimulatedArm;
+
+constexpr double kDt = 0.001;
+const models::Limits& kLimits = models::limits(models::arm("fr3"), 10);
+const Vector7 kHome = Vector7::Map(models::kHome.data());
+
+models::Limits scaled(double velocity, double acceleration, double jerk) {
+  models::Limits limits = kLimits;
+  for (int i = 0; i < 7; ++i) {
+    limits.dq_max[i] *= velocity;
+    limits.ddq_max[i] *= acceleration;
+    limits.dddq_max[i] *= jerk;
+  }
+  for (auto* rates : {&limits.translation, &limits.rotation}) {
+    rates->velocity *= velocity;
+    rates->acceleration *= acceleration;
+    rates->jerk *= jerk;
+  }
+  return limits;
+}
+
+double share_of(const Vector7& x, const models::Vector7& limit) {
+  return x.cwiseAbs().cwiseQuotient(Vector7::Map(limit.data())).maxCoeff();
+}
+
+// Backward differences of outputs, by the limits of each joint.
+struct Judge {
+  Vector7 q, v = Vector7::Zero(), a = Vector7::Zero();
+  double velocity = 0, acceleration = 0, jerk = 0;  // the greatest
+
+  explicit Judge(const Vector7& from) : q(from) {}
+  void see(const Vector7& next) {
+    const Vector7 v1 = (next - q) / kDt, a1 = (v1 - v) / kDt, j1 = (a1 - a) / kDt;
+    velocity = std::max(velocity, share_of(v1, kLimits.dq_max));
+    acceleration = std::max(acceleration, share_of(a1, kLimits.ddq_max));
+    jerk = std::max(jerk, share_of(j1, kLimits.dddq_max));
+    q = next;
+    v = v1;
+    a = a1;
+  }
+};
+
+Reference joints(const Vector7& q) {
+  Reference reference;
+  reference.joint.q = q;
+  return reference;
+}
+
+// Targets that jump, and ways between them that are too fast: what scripts and streams ask for.
+struct Targets {
+  std::mt19937 engine;
+  Vector7 from = kHome, to = kHome;
+  double time = 0, duration = 0;
+
+  Reference next() {
+    if (time >= duration) {
+      from = to;
+      std::uniform_real_distribution<> way(-0.5, 0.5), seconds(0.2, 1.2);
+      for (int i = 0; i < 7; ++i) to[i] = kHome[i] + way(engine);
+      duration = seconds(engine);
+      time = 0;
+    }
+    time += kDt;
+    const double s = std::min(time / duration, 1.);
+    Reference wanted = joints(from + (10 * s * s * s - 15 * s * s * s * s + 6 * s * s * s * s * s) * (to - from));
+    wanted.joint.dq = (30 * s * s - 60 * s * s * s + 30 * s * s * s * s) / duration * (to - from);
+    wanted.joint.ddq = (60 * s - 180 * s * s + 120 * s * s * s) / (duration * duration) * (to - from);
+    return wanted;
+  }
+};
+
+TEST(Bounds, whatever_is_asked_for_stays_below_reduced_limits) {
+  for (const unsigned seed : {1u, 2u, 3u}) {
+    for (const bool reduced : {true, false}) {
+      Limiter limiter(kLimits);
+      if (reduced) limiter.reduce(scaled(0.3, 0.4, 0.5));
+      limiter.reset(joints(kHome));
+      Targets targets{std::mt19937(seed)};
+      Judge judge(kHome);
+      Reference out;
+      for (int cycle = 0; cycle < 10000; ++cycle) {
+        limiter.follow(targets.next(), kDt, out);
+        judge.see(out.joint.q);
+      }
+      if (!reduced) {
+        EXPECT_GT(judge.velocity, 0.35) << "they ask for more";
+        EXPECT_GT(judge.acceleration, 0.5);
+        continue;
+      }
+      EXPECT_LE(judge.velocity, 0.3) << "seed " << seed;
+      EXPECT_GT(judge.velocity, 0.25);
+      EXPECT_LE(judge.acceleration, 0.4) << "seed " << seed;
+      EXPECT_LE(judge.jerk, 0.5) << "seed " << seed;
+    }
+  }
+}
+
+TEST(Bounds, a_motion_that_runs_is_slowed_inside_the_limits_of_the_arm) {
+  for (const unsigned seed : {1u, 2u, 3u}) {
+    Limiter limiter(kLimits);
+    limiter.reset(joints(kHome));
+    Targets targets{std::mt19937(seed)};
+    Judge judge(kHome);
+    Reference out;
+    int slowed = 0;
+    for (int cycle = 0; cycle < 20000; ++cycle) {
+      if (cycle % 1000 == 500) limiter.reduce(scaled(0.1, 1, 1));
+      if (cycle % 1000 == 0) limiter.reduce(kLimits);
+      limiter.follow(targets.next(), kDt, out);
+      judge.see(out.joint.q);
+      const double now = share_of(judge.v, kLimits.dq_max);
+      if (cycle % 1000 == 500 && now > 0.2) ++slowed;
+      if (cycle % 1000 > 950) EXPECT_LE(now, 0.1) << "seed " << seed << ", cycle " << cycle;
+    }
+    EXPECT_GT(slowed, 2) << "it was faster";
+    EXPECT_LE(judge.acceleration, 1);
+    EXPECT_LE(judge.jerk, 1);
+  }
+}
+
+// m/s of EE, by differences of the forward kinematics.
+double tool_speed(Model& model, const Vector7& before, const Vector7& now) {
+  return (model.O_T_EE(now).translation() - model.O_T_EE(before).translation()).norm() / kDt;
+}
+
+class GateTest : public testing::Test {
+ protected:
+  // One cycle of an arm that is where its reference is.
+  HeldBy step(const Reference& wanted) {
+    arm.model.update(reference.joint.q, reference.joint.dq);
+    gate.observe(reference, nullptr);
+    const testing_tools::AllocationCounter counter;
+    const HeldBy held = gate.follow(wanted, reference);
+    if (allocations::kCounts) EXPECT_EQ(counter.count(), 0u);
+    return held;
+  }
+
+  SimulatedArm arm{"fr3"};
+  MotionGate gate{kLimits, arm.model};
+  Reference reference = joints(kHome);
+};
+
+TEST_F(GateTest, joints_do_not_move_the_tool_faster_than_may_be) {
+  for (const unsigned seed : {1u, 2u, 3u}) {
+    for (const double most : {0.25, 1e9}) {
+      Bounds bounds(kLimits);
+      bounds.limits.translation.velocity = std::min(bounds.limits.translation.velocity, most);
+      if (most < 1) bounds.tool_speed = most;
+      reference = joints(kHome);
+      gate.keep_to(bounds);
+      gate.reset(reference);
+      Targets targets{std::mt19937(seed)};
+      Judge judge(kHome);
+      double fastest = 0;
+      HeldBy held = HeldBy::kNothing;
+      for (int cycle = 0; cycle < 10000; ++cycle) {
+        const Vector7 before = reference.joint.q;
+        held |= step(targets.next());
+        judge.see(reference.joint.q);
+        fastest = std::max(fastest, tool_speed(arm.model, before, reference.joint.q));
+      }
+      EXPECT_LE(judge.acceleration, 1) << "seed " << seed;
+      EXPECT_LE(judge.jerk, 1) << "seed " << seed;
+      if (most > 1) {
+        EXPECT_GT(fastest, 0.5) << "they ask for more";
+        continue;
+      }
+      EXPECT_LE(fastest, most) << "seed " << seed;
+      EXPECT_GT(fastest, 0.8 * most) << "seed " << seed;
+      EXPECT_TRUE(has(held, HeldBy::kToolSpeed));
+    }
+  }
+}
+
+TEST_F(GateTest, a_goal_is_reached_at_the_speed_that_the_tool_may_have) {
+  Bounds bounds(kLimits);
+  bounds.tool_speed = bounds.limits.translation.velocity = 0.2;
+  gate.keep_to(bounds);
+  gate.reset(reference);
+  Vector7 goal = kHome;
+  goal += (Vector7() << 0.8, 0.3, -0.2, 0.3, 0.4, -0.3, 0.5).finished();
+  double length = 0;
+  int cycles = 0, cruising = 0;
+  for (; cycles < 20000 && (reference.joint.q - goal).norm() > 1e-6; ++cycles) {
+    const Vector7 before = reference.joint.q;
+    step(joints(goal));
+    const double speed = tool_speed(arm.model, before, reference.joint.q);
+    length += speed * kDt;
+    cruising += reference.joint.ddq.cwiseAbs().maxCoeff() < 0.5;
+    ASSERT_LE(speed, 0.2);
+  }
+  EXPECT_LT(cycles * kDt, 3 * length / 0.2) << "and not much slower";
+  EXPECT_GT(cruising, cycles * 3 / 4) << "evenly";
+}
+
+TEST_F(GateTest, joints_do_no_more_work_than_may_be) {
+  for (const double most : {10., 1e9}) {
+    Bounds bounds(kLimits);
+    if (most < 1e3) bounds.power = most;
+    reference = joints(kHome);
+    gate.keep_to(bounds);
+    gate.reset(reference);
+    Targets targets{std::mt19937(4)};
+    double hardest = 0;
+    for (int cycle = 0; cycle < 10000; ++cycle) {
+      const Vector7 before = reference.joint.dq;
+      step(targets.next());
+      const Vector7 ddq = (reference.joint.dq - before) / kDt;
+      hardest = std::max(hardest, before.dot(felt_inertia(arm.model.mass()) * ddq + arm.model.coriolis()));
+    }
+    most < 1e3 ? EXPECT_LE(hardest, most) : EXPECT_GT(hardest, 15);
+  }
+}
+
+// A controller that pulls as hard as it can, to and fro.
+struct Pulled {
+  double speed = 0, power = 0, joint = 0;  // the greatest: m/s, W, share of the joints' velocity
+  Vector7 tau = Vector7::Zero();           // N m
+};
+Pulled pulled(const Bounds& bounds, unsigned seed) {
+  SimulatedArm arm("fr3", Vector7::Map(models::kMotorInertia.data()));
+  TorqueGate gate(kLimits);
+  gate.keep_to(bounds);
+  WallGuard walls;
+  std::mt19937 engine(seed);
+  std::uniform_real_distribution<> share(-0.6, 0.6);
+  Vector7 wanted, sent = Vector7::Zero();
+  Pulled most;
+  for (int cycle = 0; cycle < 4000; ++cycle) {
+    if (cycle % 250 == 0) {
+      for (int i = 0; i < 7; ++i) wanted[i] = share(engine) * kLimits.tau_max[i];
+    }
+    gate.pass(arm.cycle, walls, wanted, 0, sent);
+    arm.step(sent);
+    most.speed = std::max(most.speed, (arm.model.jacobian().topRows<3>() * arm.dq).norm());
+    most.power = std::max(most.power, sent.dot(arm.dq));
+    most.joint = std::max(most.joint, arm.dq.cwiseAbs().cwiseQuotient(Vector7::Map(kLimits.dq_max.data())).maxCoeff());
+    most.tau = most.tau.cwiseMax(sent.cwiseAbs());
+  }
+  return most;
+}
+
+TEST(TorqueBounds, the_tool_is_braked_whatever_a_controller_asks_for) {
+  for (const unsigned seed : {1u, 2u, 3u, 4u}) {
+    EXPECT_GT(pulled(Bounds(kLimits), seed).speed, 0.6) << "it would be faster";
+    Bounds bounds(kLimits);
+    bounds.tool_speed = 0.25;
+    EXPECT_LE(pulled(bounds, seed).speed, 0.25) << "seed " << seed;
+  }
+}
+
+TEST(TorqueBounds, joints_keep_to_a_reduced_velocity) {
+  for (const unsigned seed : {1u, 2u, 3u, 4u}) {
+    EXPECT_GT(pulled(Bounds(kLimits), seed).joint, 0.4) << "they would be faster";
+    EXPECT_LE(pulled(Bounds(scaled(0.2, 1, 1)), seed).joint, 0.2) << "seed " << seed;
+  }
+}
+
+TEST(TorqueBounds, a_controller_exerts_no_more_power_or_torque_than_may_be) {
+  for (const unsigned seed : {1u, 2u, 3u, 4u}) {
+    EXPECT_GT(pulled(Bounds(kLimits), seed).power, 40);
+    Bounds bounds(kLimits);
+    bounds.power = 20;
+    EXPECT_LE(pulled(bounds, seed).power, 20) << "seed " << seed;
+    for (double& tau_max : bounds.limits.tau_max) tau_max *= 0.1;
+    const Vector7 tau = pulled(bounds, seed).tau;
+    for (int i = 0; i < 7; ++i) EXPECT_LE(tau[i], 0.1 * kLimits.tau_max[i]) << "seed " << seed << ", joint " << i + 1;
+  }
+}
+
+}  // namespace
