@@ -146,6 +146,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wall.add_argument("size", type=float, nargs="*", help="m: box X Y Z, sphere RADIUS, cylinder and capsule RADIUS LENGTH; plane: none")
     wall.add_argument("--at", type=float, nargs=3, default=[0, 0, 0], metavar=("X", "Y", "Z"), help="its middle, m (default 0 0 0)")
     wall.add_argument("--normal", type=float, nargs=3, default=[0, 0, 1], metavar=("X", "Y", "Z"), help="of a plane (default 0 0 1)")
+    wall.add_argument("--turn", type=float, nargs=3, default=[0, 0, 0], metavar=("ROLL", "PITCH", "YAW"),
+                      help="degrees about fixed axes x, y, z, in this order (default 0 0 0); of a box, cylinder, capsule")  # fmt: skip
+    wall.add_argument("--held", action="store_true", help="a part of the arm itself, given in the frame of the tool")
+    wall.add_argument("--keep", action="store_true", help="it outlives the server")
     change.add_parser("remove", help="remove walls").add_argument("names", nargs="+", metavar="name")
 
     kinds = add("kinds", _kinds, "list the parts that skills are made of, with their fields")
@@ -324,19 +328,24 @@ _SHAPES = {"plane": 0, "box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}  # an
 
 
 def _walls(options: argparse.Namespace) -> int:
-    from frankapy import FrankaArm, walls
+    from frankapy import FrankaArm, RigidTransform, walls
 
     with FrankaArm(server=options.server, robot_num=options.arm) as fa:
         if options.change == "add":
             if len(options.size) != _SHAPES[options.shape]:
                 raise FrankaArmArgumentError(f"{options.shape} has {_SHAPES[options.shape]} lengths, and not {len(options.size)}")
+            roll, pitch, yaw = np.radians(options.turn)
+            turn = RigidTransform.y_axis_rotation(pitch) @ RigidTransform.x_axis_rotation(roll)
+            pose = RigidTransform(RigidTransform.z_axis_rotation(yaw) @ turn, options.at)
             if options.shape == "plane":
                 wall = walls.Plane(options.normal, options.at)
             elif options.shape == "box":
-                wall = walls.Box(options.size, options.at)
+                wall = walls.Box(options.size, pose)
+            elif options.shape == "sphere":
+                wall = walls.Sphere(options.size[0], options.at)
             else:
-                wall = getattr(walls, options.shape.capitalize())(*options.size, options.at)
-            fa.walls.add(options.name, wall)
+                wall = getattr(walls, options.shape.capitalize())(*options.size, pose)
+            (fa.walls.hold if options.held else fa.walls.add)(options.name, wall, options.keep)
         elif options.change == "remove":
             fa.walls.remove(*options.names)
         rows = []
@@ -345,7 +354,11 @@ def _walls(options: argparse.Namespace) -> int:
             size = [value for _, value in getattr(wall, shape).ListFields()]
             lengths = " x ".join(f"{x:g}" for x in np.hstack([*size, []]))
             place = ", ".join(f"{x:g}" for x in wall.position)
-            rows.append((name, f"{shape} {lengths} at {place} m{', held' * wall.held}{', fixed' * wall.fixed}"))
+            angles = RigidTransform(RigidTransform.rotation_from_quaternion(wall.orientation), np.zeros(3)).euler_angles
+            turn = " ".join(f"{np.degrees(angle) + 0.0:.3g}" for angle in angles)  # + 0.0: no "-0"
+            turned = f", turned {turn} degrees" if np.any(angles) else ""
+            kinds = ", held" * wall.held + ", fixed" * wall.fixed + ", kept" * wall.keep
+            rows.append((name, f"{shape} {lengths} at {place} m{turned}{kinds}"))
         _print_rows("walls" if rows else "no walls", rows)
     return 0
 

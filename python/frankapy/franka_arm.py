@@ -778,6 +778,11 @@ class FrankaArm:
 
         return Walls(change, lambda: np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T)
 
+    @property
+    def obstacles(self) -> Walls:
+        """The same as `walls`."""
+        return self.walls
+
     def topics(self) -> dict[str, proto.Topics.Topic]:
         """Return what came over each topic since the arm's process began.
 

@@ -10,7 +10,7 @@ import numpy as np
 from frankapy import proto
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import number, validate, vector
+from frankapy.validation import flag, number, validate, vector
 
 
 def Plane(normal: Sequence[float] = (0, 0, 1), point: Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
@@ -64,7 +64,7 @@ class Walls(Mapping[str, proto.Wall]):
     """The walls of an arm by name, as `fa.walls`.
 
     Motions end 10 mm before a wall, or slide along it; under torque control it pushes back. What is added holds at once, also for
-    the skill that runs, until it is removed or the arm's server is started again. An arm that is nearer already may go away only.
+    the skill that runs, until it is removed or, unless it is to be kept, the arm's server is started again. An arm that is nearer already may go away only.
 
     Example:
         >>> fa.walls.add("table", Box([1, 1, 0.1], [0.5, 0, -0.05]))
@@ -77,17 +77,20 @@ class Walls(Mapping[str, proto.Wall]):
         self._change = change
         self._flange_to_tool = flange_to_tool
 
-    def add(self, name: str, wall: proto.Wall) -> None:
-        """Add one, or put it in the place of that name. Raises FrankaArmArgumentError for what the server refuses."""
-        self.update({name: wall})
+    def add(self, name: str, wall: proto.Wall, keep: bool = False) -> None:
+        """Add one, or put it in the place of that name; with `keep` it is there when the server is started again, until removed.
 
-    def update(self, walls: Mapping[str, proto.Wall]) -> None:
-        """Add several at once: all or none."""
-        self._change(proto.ChangeWalls(put=[self._named(name, wall) for name, wall in walls.items()]))
+        Raises FrankaArmArgumentError for what the server refuses.
+        """
+        self.update({name: wall}, keep)
 
-    def hold(self, name: str, body: proto.Wall) -> None:
+    def update(self, walls: Mapping[str, proto.Wall], keep: bool = False) -> None:
+        """Add several at once, as `add`: all or none."""
+        self._change(proto.ChangeWalls(put=[self._named(name, wall, keep) for name, wall in walls.items()]))
+
+    def hold(self, name: str, body: proto.Wall, keep: bool = False) -> None:
         """Add a body to the arm itself: a tool, or what the hand holds. It is given in the frame of the tool (EE)."""
-        named = self._named(name, body)
+        named = self._named(name, body, keep)
         tool = self._flange_to_tool()
         rotation = tool[:3, :3] @ RigidTransform.rotation_from_quaternion(named.orientation)
         _place(named, RigidTransform(rotation, tool[:3, :3] @ named.position + tool[:3, 3])).held = True
@@ -129,11 +132,12 @@ class Walls(Mapping[str, proto.Wall]):
     def _all(self) -> dict[str, proto.Wall]:
         return {wall.name: wall for wall in self._change(proto.ChangeWalls()).walls}
 
-    def _named(self, name: str, wall: proto.Wall) -> proto.Wall:
+    def _named(self, name: str, wall: proto.Wall, keep: bool) -> proto.Wall:
         if not isinstance(wall, proto.Wall):
             raise FrankaArmArgumentError(f"wall is {wall!r}: expected Plane(...), Box(...), Sphere(...), Cylinder(...) or Capsule(...)")
         named = proto.Wall()
         named.CopyFrom(wall)
         named.name = name
+        named.keep = flag("keep", keep)
         validate(named)
         return named

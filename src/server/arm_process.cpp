@@ -73,7 +73,8 @@ class ArmProcess {
         recorder_(box, recordings, config.name, gripper_.get()),
         sensors_(context_, options.listen, options.sensor_port, box.journal),
         transport_(context_, options.listen, options.port, door_, publisher_, sensors_, recorder_, gripper_.get(),
-                   WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1),
+                   WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1,
+                             fmt::format("{}/franka-interface/walls/{}@{}", data_folder(), config.name, config.address)),
                    LimitStore(config.limits, options.status_fd >= 0 ? ArmOptions::kLimitsFd : -1)) {}
 
   int run() {

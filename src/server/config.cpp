@@ -129,13 +129,6 @@ void read_server(const toml::table& node, const std::string& source, Config& con
   table.finish();
 }
 
-std::string data_folder() {
-  const char* data = std::getenv("XDG_DATA_HOME");
-  if (data != nullptr && *data != 0) return data;
-  const char* home = std::getenv("HOME");
-  return fmt::format("{}/.local/share", home != nullptr && *home != 0 ? home : "/var/lib");
-}
-
 void read_recordings(const toml::table& node, const std::string& source, RecordingsConfig& recordings) {
   Table table(node, source, "recordings");
   if (const auto* mode = table.find("mode")) {
@@ -399,6 +392,13 @@ std::string read_config(std::istream& from, const std::string& source) {
     throw ConfigError(fmt::format("{}: more than {} bytes: expected a TOML file that names the arms", source, kMaxFile));
   }
   return text;
+}
+
+std::string data_folder() {
+  const char* data = std::getenv("XDG_DATA_HOME");
+  if (data != nullptr && *data != 0) return data;
+  const char* home = std::getenv("HOME");
+  return fmt::format("{}/.local/share", home != nullptr && *home != 0 ? home : "/var/lib");
 }
 
 RecordingsConfig::Mode recording_mode(const std::string& name) {

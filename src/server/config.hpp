@@ -15,7 +15,7 @@ namespace server {
 // The most that clients may ask for.
 struct LimitsConfig {
   double velocity = 1, acceleration = 1, jerk = 1, torque = 1;  // of the robot's own
-  std::optional<double> tool_speed, power;                      // m/s, W
+  std::optional<double> tool_speed = {}, power = {};            // m/s, W
 };
 
 // What an arm's process is told; examples/arms.toml has every key with its unit.
@@ -69,6 +69,9 @@ std::string read_config(std::istream& from, const std::string& source);
 
 // TOML of a server with one arm and defaults otherwise.
 std::string config_of_robot(const std::string& address, bool gripper);
+
+// The folder of the user's data, where what the server keeps is by default ($XDG_DATA_HOME).
+std::string data_folder();
 
 // The mode of that name. Throws ConfigError.
 RecordingsConfig::Mode recording_mode(const std::string& name);

@@ -3,7 +3,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <string>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 
 #include "server/system_call.hpp"
 
@@ -19,11 +21,33 @@ bool load(int fd, google::protobuf::Message& message) {
   return false;
 }
 
+bool load(const std::string& path, google::protobuf::Message& message) {
+  message.Clear();
+  if (path.empty() || !std::filesystem::exists(path)) return true;
+  std::ifstream file(path, std::ios::binary);
+  const std::string bytes(std::istreambuf_iterator<char>(file), {});
+  if (file && message.ParseFromString(bytes)) return true;
+  message.Clear();
+  return false;
+}
+
 void save(int fd, const google::protobuf::Message& message) {
   if (fd < 0) return;
   const std::string bytes = message.SerializeAsString();
   if (pwrite(fd, bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) failed("pwrite");
   if (ftruncate(fd, static_cast<off_t>(bytes.size())) != 0) failed("ftruncate");
+}
+
+void save(const std::string& path, const google::protobuf::Message& message) {
+  if (path.empty()) return;
+  const std::filesystem::path whole = path, part = path + ".part";
+  std::filesystem::create_directories(whole.parent_path());
+  {
+    std::ofstream file(part, std::ios::binary);
+    file << message.SerializeAsString() << std::flush;
+    if (!file) failed(part.c_str());
+  }
+  std::filesystem::rename(part, whole);
 }
 
 }  // namespace server

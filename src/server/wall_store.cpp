@@ -73,14 +73,29 @@ std::string name_of_link(int link) {
   return link == realtime::ArmCapsules::kFlange ? "the hand or what it holds" : fmt::format("link {}", link);
 }
 
-WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd) : fd_(fd) {
+WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd, std::string file) : fd_(fd), file_(std::move(file)) {
   for (proto::Wall wall : fixed) {
     wall.set_fixed(true);
     put(wall, entries_, ++last_id_);
   }
   proto::Walls walls;
+  if (!load(file_, walls)) spdlog::error("{}: the walls in it cannot be read: add them anew", file_);
+  take_again(walls);
   if (!load(fd_, walls)) spdlog::error("the walls of clients could not be read again and are gone: add them anew");
-  for (const proto::Wall& wall : walls.walls()) put(wall, entries_, ++last_id_);
+  take_again(walls);
+}
+
+// One that the configuration has no place for any more stays out.
+void WallStore::take_again(const proto::Walls& walls) {
+  for (const proto::Wall& wall : walls.walls()) {
+    proto::ChangeWalls change;
+    *change.add_put() = wall;
+    try {
+      apply(change);
+    } catch (const Refused& refused) {
+      spdlog::warn("a wall that was kept is left out: {}", refused.what());
+    }
+  }
 }
 
 void WallStore::put(const proto::Wall& wall, std::map<std::string, Entry>& into, std::uint32_t id) {
@@ -97,6 +112,26 @@ void WallStore::put(const proto::Wall& wall, std::map<std::string, Entry>& into,
 }
 
 void WallStore::change(const proto::ChangeWalls& change) {
+  const auto entries = entries_;
+  apply(change);
+  try {
+    save(file_, of_clients(true));
+    save(fd_, of_clients(false));
+  } catch (...) {
+    entries_ = entries;
+    throw;
+  }
+}
+
+proto::Walls WallStore::of_clients(bool only_kept) const {
+  proto::Walls walls;
+  for (const auto& [name, entry] : entries_) {
+    if (!entry.wall.fixed() && (entry.wall.keep() || !only_kept)) *walls.add_walls() = entry.wall;
+  }
+  return walls;
+}
+
+void WallStore::apply(const proto::ChangeWalls& change) {
   auto entries = entries_;
   auto id = last_id_;
   const auto keep_fixed = [&](const std::string& name) {
@@ -125,11 +160,6 @@ void WallStore::change(const proto::ChangeWalls& change) {
   }
   entries_ = std::move(entries);
   last_id_ = id;
-  proto::Walls kept;
-  for (const auto& [name, entry] : entries_) {
-    if (!entry.wall.fixed()) *kept.add_walls() = entry.wall;
-  }
-  save(fd_, kept);
 }
 
 proto::Walls WallStore::list() const {

@@ -15,8 +15,9 @@ namespace server {
 // The walls of an arm by name: of its configuration, which no client changes, and of clients. It makes of them what the loop has.
 class WallStore {
  public:
-  // Those of the configuration, and those of clients in a file that outlives this process (-1: none), which is kept as they are.
-  explicit WallStore(const std::vector<frankapy::proto::Wall>& fixed, int fd = -1);
+  // Those of the configuration, and those of clients in a file that outlives this process (-1: none), which is kept as they are;
+  // of these, those that are to be kept also in one that outlives the server (empty: none).
+  explicit WallStore(const std::vector<frankapy::proto::Wall>& fixed, int fd = -1, std::string file = {});
 
   // Throws Refused: a wall without a shape or of a name that is fixed, one to remove that is not there, more than the loop can
   // look at in a cycle. Nothing is changed then.
@@ -37,7 +38,12 @@ class WallStore {
   };
   static void put(const frankapy::proto::Wall& wall, std::map<std::string, Entry>& into, std::uint32_t id);
 
+  void take_again(const frankapy::proto::Walls& walls);
+  void apply(const frankapy::proto::ChangeWalls& change);
+  frankapy::proto::Walls of_clients(bool only_kept) const;
+
   int fd_;
+  std::string file_;
   std::map<std::string, Entry> entries_;
   std::uint32_t last_id_ = 0;
 };

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from conftest import HOME, server_processes
 
-from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmException, proto
+from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmException, RigidTransform, proto
+from frankapy.cli import main
 from frankapy.parts import CartesianImpedance, FreeDrive, JointImpedance, MinJerkJoint, Never, StayJoint, StreamJoint, StreamPose, Time
 from frankapy.walls import Box, Capsule, Cylinder, Plane, Sphere
 
@@ -174,3 +175,20 @@ def test_walls_outlive_the_process_of_their_arm(walled, ideal_arm):
         assert list(again.walls) == ["glass"]
         with pytest.raises(FrankaArmArgumentError, match='wall "glass"'):
             again.goto_joints(LEFT, ignore_virtual_walls=True)
+
+
+def test_the_command_line_turns_holds_and_keeps(walled, ideal_arm, capsys):
+    def walls(*words: str) -> str:
+        assert main(["walls", "--server", ideal_arm.server, *words]) == 0
+        return capsys.readouterr().out
+
+    walls("add", "ramp", "box", "1", "0.5", "0.1", "--at", "0.5", "0", "-0.5", "--turn", "0", "30", "90")
+    shown = walls("add", "pen", "capsule", "0.005", "0.1", "--at", "0", "0", "0.05", "--held", "--keep")
+    assert "box 1 x 0.5 x 0.1 at 0.5, 0, -0.5 m, turned 0 30 90 degrees" in shown
+    assert "held, kept" in shown
+    assert list(walled.obstacles) == ["pen", "ramp"]
+    # Its long edge, turned down by 30 degrees and then to the left.
+    rotation = RigidTransform.rotation_from_quaternion(walled.walls["ramp"].orientation)
+    np.testing.assert_allclose(rotation[:, 0], [0, np.cos(np.pi / 6), -0.5], atol=1e-6)
+    np.testing.assert_allclose(walled.walls["pen"].position, [0, 0, 0.1034 + 0.05], atol=1e-6)
+    assert walls("remove", "pen", "ramp").strip() == "no walls"
