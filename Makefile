@@ -94,8 +94,8 @@ fuzz-gate: SEED = 1
 fuzz-gate: fuzz-30
 
 fuzz-%: $(BUILD)/asan/build.ninja
-	cmake --build $(BUILD)/asan -j $(JOBS) --target client_to_arm arm_to_client
-	for target in client_to_arm arm_to_client; do \
+	cmake --build $(BUILD)/asan -j $(JOBS) --target client_to_arm arm_to_client control_channel
+	for target in client_to_arm arm_to_client control_channel; do \
 	  $(BUILD)/asan/bin/$$target tests/fuzz/corpus/$$target $* $(SEED) || exit 1; done
 
 sanitize: asan-all tsan-all ## run the C++ tests under address, undefined and thread sanitizer

@@ -51,7 +51,7 @@ GATE = [
     Stage("demo-lockstep", 120, tries=2),
     Stage("asan", 700, tries=2),
     Stage("tsan", 500, tries=2),
-    Stage("fuzz-gate", 150),
+    Stage("fuzz-gate", 200),
     Stage("wall", 120, tries=3),
 ]
 NIGHTLY = [
@@ -65,7 +65,7 @@ NIGHTLY = [
     Stage("demo", 300),
     Stage("asan-all", 5400),
     Stage("tsan-all", 5400),
-    Stage("fuzz", 1500),
+    Stage("fuzz", 2200),
     Stage("bench", 36000),
 ]
 

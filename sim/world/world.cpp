@@ -19,6 +19,8 @@ constexpr double kGearDamping = 50;     // N s/m
 constexpr double kFingerDamping = 10;   // N s/m, also in an ideal arm
 constexpr double kFingerStart = 0.039;  // m, just off the stop
 
+constexpr int kMostAdded = 200;  // objects
+
 // Somebody's force on a link.
 struct Grip {
   double time = 0, duration = -1;  // s
@@ -440,6 +442,10 @@ void World::add_object(const Object& object, std::size_t arm) {
   Impl& w = *impl_;
   if (mj_name2id(w.model, mjOBJ_BODY, object.name.c_str()) >= 0) {
     throw std::runtime_error("something is called \"" + object.name + "\" already");
+  }
+  if (w.changes >= kMostAdded) {
+    throw std::runtime_error(std::to_string(kMostAdded) + " objects were added already, which is all there is room for: move "
+                             "one of them where it is needed");
   }
   const Limb& limb = w.limbs[arm];
   mjsBody* body = mjs_addBody(mjs_findBody(w.scene.spec.get(), "world"), nullptr);

@@ -1,9 +1,11 @@
-"""Write the corpora of the fuzz targets: whole sessions in the versions that differ. `make_corpus.py [FOLDER]`."""
+"""Write the corpora of the fuzz targets: whole sessions in the versions that differ. `make_corpus.py [FOLDER]`, of .venv."""
 
 import math
 import struct
 import sys
 from pathlib import Path
+
+from frankapy import proto
 
 # Steps of client_to_arm.cpp and arm_to_client.cpp.
 ROBOT_TCP, ROBOT_UDP, ROBOT_COMMAND, CYCLES, NEW_ROBOT_CLIENT, GRIPPER_TCP, NEW_GRIPPER_CLIENT = range(7)
@@ -137,6 +139,54 @@ def from_hand() -> dict[str, bytes]:
     return {"hand": HAND + session + step(TCP, hand_request(3, 1, struct.pack("<H", 0)))}
 
 
+def to_control() -> dict[str, bytes]:
+    """What scripts ask of a simulated arm's control channel."""
+    button = proto.PressButton
+    way = proto.SetNetwork.Way
+    box = proto.AddObject(name="box", shape="BOX", size=[0.04, 0.04, 0.04], mass=0.1, position=[0.4, 0.3, 0.1])
+    calls = {
+        "people": [
+            {"push": proto.Push(wrench=[0, 0, -20, 0, 0, 1], duration=0.05)},
+            {"push": proto.Push(wrench=[5, 0, 0, 0, 0, 0], duration=0.05, at=proto.Hold(link=4, point=[0.1, 0, 0.5]))},
+            {"pull": proto.Pull(times=[0.1, 0.2], positions=[0.5, 0, 0.4, 0.4, 0.1, 0.4], duration=0.3)},
+            {"get_truth": proto.GetTruth()},
+        ],
+        "things": [
+            {"move_object": proto.MoveObject(name="block", position=[0.4, 0.2, 0.1], quaternion=[1, 0, 0, 0])},
+            {"set_friction": proto.SetFriction(name="block", friction=0.1)},
+            {"add_object": box},
+            {"add_object": box},
+        ],
+        "buttons": [
+            {"press_button": button(button=button.USER_STOP)},
+            {"press_button": button(button=button.GUIDING)},
+            {"press_button": button(button=button.GUIDING, pressed=False)},
+            {"press_button": button(button=button.USER_STOP, pressed=False)},
+            {"press_button": button(button=button.ENABLING_DEVICE, pressed=False)},
+            {"press_button": button(button=button.JOINT_LOCK)},
+        ],
+        "robot": [
+            {"inject_error": proto.InjectError(name="joint_reflex")},
+            {"set_virtual_wall": proto.SetVirtualWall(id=1, size=[1, 1, 1], position=[0, 0.3, 0])},
+            {"set_network": proto.SetNetwork(to_arm=way(loss=0.1), from_arm=way(delayed=0.1, delay=0.002), seed=3)},
+        ],
+        "time": [
+            {"pause": proto.Pause()},
+            {"save": proto.SaveMoment()},
+            {"step": proto.StepCycles(cycles=20)},
+            {"restore": proto.RestoreMoment(moment=2)},
+            {"forget": proto.ForgetMoment(moment=2)},
+            {"pause": proto.Pause(kind=proto.Pause.BETWEEN_MOTIONS)},
+            {"resume": proto.Resume()},
+        ],
+    }
+    sessions = {
+        name: b"".join(step(0, proto.SimulationCall(**call).SerializeToString()) for call in session)
+        for name, session in calls.items()
+    }
+    return sessions | {"garbage": step(0, b"\xff" * 40) + step(0) + step(0, b"\x0a\x02\x08\x01")}
+
+
 def main() -> None:
     """Write them all."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "corpus"
@@ -150,6 +200,9 @@ def main() -> None:
         }
         for name, data in (sessions | hand()).items():
             (folder / target / name).write_bytes(data)
+    (folder / "control_channel").mkdir(parents=True, exist_ok=True)
+    for name, data in to_control().items():
+        (folder / "control_channel" / name).write_bytes(data)
 
 
 if __name__ == "__main__":

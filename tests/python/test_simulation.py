@@ -1,5 +1,6 @@
 """The control channel of the simulated arm: each call does what it says, judged by the truth."""
 
+import contextlib
 import os
 import signal
 import socket
@@ -13,7 +14,18 @@ import pytest
 import zmq
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, proto
-from frankapy.sim import CONTROL_PORT, ControlChannel, SimulatedArm, Simulation, free_address, left_over_arms, program, read_truth
+from frankapy.sim import (
+    CONTROL_PORT,
+    FCI_PORT,
+    GRIPPER_PORT,
+    ControlChannel,
+    SimulatedArm,
+    Simulation,
+    free_address,
+    left_over_arms,
+    program,
+    read_truth,
+)
 
 HOME = [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4]
 
@@ -625,6 +637,53 @@ def test_garbage_is_answered_and_the_arm_goes_on(sim):
         socket.send(b"x" * 1_000_000)  # more than a call can have: closed
         assert not socket.poll(300)
     assert sim.truth().cycle > 0
+
+
+def memory(process):
+    """Return what it has taken at most, bytes."""
+    return 1024 * int(Path(f"/proc/{process}/status").read_text().partition("VmHWM:")[2].split()[0])
+
+
+def test_many_strangers_neither_stop_a_motion_nor_take_memory():
+    random = np.random.default_rng(1)
+    with Simulation(SimulatedArm(lockstep=True)) as sim, FrankaArm(server=sim.server) as fa:
+        address = sim.addresses[0]
+        fa.goto_joints(np.array(HOME) + 0.3, duration=3600, block=False)
+        until(lambda: sim.truth().moving)
+
+        def pester():
+            strangers = []
+            for port in [FCI_PORT, GRIPPER_PORT, CONTROL_PORT] * 20:
+                strangers.append(socket.create_connection((address, port), timeout=10))
+                strangers[-1].setblocking(False)
+                with contextlib.suppress(OSError):  # closed already
+                    strangers[-1].send(random.bytes(random.integers(1, 20_000)))
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams:
+                for size in [0, 1, 370, 371, 1377, 60_000] * 20:
+                    datagrams.sendto(random.bytes(size), (address, FCI_PORT))
+            context = zmq.Context.instance()
+            for _ in range(20):  # who only asks, and does not listen: the answer names what was asked for
+                strangers.append(context.socket(zmq.DEALER))
+                strangers[-1].linger = 0
+                strangers[-1].connect(f"tcp://{address}:{CONTROL_PORT}")
+                call = proto.SimulationCall(set_friction=proto.SetFriction(name="x" * 60_000, friction=1))
+                for _ in range(50):
+                    strangers[-1].send_multipart([b"", call.SerializeToString()])
+            before = sim.truth()
+            until(lambda: sim.truth().cycle > before.cycle + 300)
+            assert fa.get_arm_state().robot.control_command_success_rate > 0.9
+            for stranger in strangers:
+                stranger.close()
+
+        taken = [memory(sim.processes[0])]
+        for _ in range(4):
+            pester()
+            taken.append(memory(sim.processes[0]))
+        assert taken[1] < taken[0] + 20e6 and taken[-1] < taken[1] + 10e6
+        assert sim.truth().moving and not fa.is_skill_done(ignore_errors=False)
+        fa.stop_skill()
+        fa.goto_gripper(0.03)
+        assert sim.truth().finger.sum() == pytest.approx(0.03, abs=0.002)
 
 
 def test_nobody_there_is_said():
