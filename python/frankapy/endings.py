@@ -22,13 +22,16 @@ def in_time(buffer_time: Any, force_thresholds: Any, torque_thresholds: Any) -> 
     return [_time_after(buffer_time), *_contact(force_thresholds, torque_thresholds)]
 
 
+def of_time(duration: Any, buffer_time: Any, force_thresholds: Any, torque_thresholds: Any) -> list[Message]:
+    """Return the time of a motion that waits for nothing (s), and contact where thresholds are given."""
+    seconds = number("duration", duration) + number("buffer_time", buffer_time)
+    return [proto.Time(seconds=seconds), *_contact(force_thresholds, torque_thresholds)]
+
+
 def of_stream(duration: Any, buffer_time: Any, force_thresholds: Any, torque_thresholds: Any) -> list[Message]:
     """Return the time of a motion that follows messages (s), the message that ends it, and contact where thresholds are given."""
-    return [
-        proto.Time(seconds=number("duration", duration) + number("buffer_time", buffer_time)),
-        proto.SensorSays(topic=FC.DEFAULT_SENSOR_PUBLISHER_TOPIC),
-        *_contact(force_thresholds, torque_thresholds),
-    ]
+    time, *contact = of_time(duration, buffer_time, force_thresholds, torque_thresholds)
+    return [time, proto.SensorSays(topic=FC.DEFAULT_SENSOR_PUBLISHER_TOPIC), *contact]
 
 
 def streamed_or_in_time(

@@ -486,8 +486,8 @@ class FrankaArm:
         stay, controller = _guidance.held(
             duration, use_joints, use_impedance, use_ee_frame, cartesian_impedances, joint_impedances, k_gains, d_gains
         )
-        ends = endings.in_time(buffer_time, force_thresholds, torque_thresholds)
-        self._run(stay, controller, ends, skill_desc, block, ignore_errors, speed=1)
+        ends = endings.of_time(duration, buffer_time, force_thresholds, torque_thresholds)
+        self._run(stay, controller, ends, skill_desc, block, ignore_errors, speed=1, led=True)
 
     def demonstrate(self, duration: float, skill_desc: str = "Demonstration", **guidance: Any) -> Demonstration:
         """Let somebody lead the arm by hand, and return what they did; Ctrl-C ends it sooner.
@@ -1106,13 +1106,14 @@ class FrankaArm:
     def _run(
         self, trajectory: Message, controller: Message, ends: Sequence[Message], skill_desc: str, block: bool, ignore_errors: bool,
         robot_controller: str = "auto", preempt: bool = False, speed: float | None = None, start_time: float | None = None,
+        led: bool = False,
     ) -> proto.SkillResult | None:  # fmt: skip
         """Send a skill; where asked to, wait for its end and return its result."""
         speed = self.speed if speed is None else number("speed", speed)
         skill = make_skill(trajectory, controller, ends, skill_desc, robot_controller, speed, start_time)
         self._reader.stop_listening()
         duration = getattr(trajectory, "duration", 0.0) / (speed or 1)
-        return self._motions.run(skill, duration, block, ignore_errors, preempt)
+        return self._motions.run(skill, duration, block, ignore_errors, preempt, led)
 
     def _joints_or_now(self, joints: Numbers | None) -> np.ndarray:
         return self.get_joints() if joints is None else vector("joints", joints, 7)

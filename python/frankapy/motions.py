@@ -34,10 +34,11 @@ _GOOD_ENDINGS = (proto.TERMINATED, proto.STOPPED, proto.PREEMPTED)
 class Motion:
     """A skill of this client which the server has taken."""
 
-    def __init__(self, call: Call, server: Connection, description: str, duration: float) -> None:
+    def __init__(self, call: Call, server: Connection, description: str, duration: float, led: bool) -> None:
         self.call = call
         self.name = description or "The skill"
         self.duration = duration  # s, that was asked for
+        self.led = led
         self.judged = False
         self.ended: proto.SkillResult | None = None  # how, once it was judged
         self.id = int(call.first().skill_started.skill_id)  # at the server
@@ -88,16 +89,19 @@ class Motions:
         return self._connection
 
     def run(
-        self, skill: proto.Skill, duration: float, block: bool, ignore_errors: bool, preempt: bool
+        self, skill: proto.Skill, duration: float, block: bool, ignore_errors: bool, preempt: bool = False, led: bool = False
     ) -> proto.SkillResult | None:
-        """Send a skill, which was asked to take `duration` (s); where asked to, wait for its end and return its result."""
+        """Send a skill, which was asked to take `duration` (s); where asked to, wait for its end and return its result.
+
+        `led`: somebody leads the arm in it; that it does not stay where it began is then nothing to tell.
+        """
         if self._connection is None:
             logger.warning("%s is not made: this FrankaArm is offline.", skill.description or "The skill")
             return None
         interruptions = interrupts.count()
         try:
             with self._starting:
-                motion = self._start(skill, duration, ignore_errors, preempt)
+                motion = self._start(skill, duration, ignore_errors, preempt, led)
             if interrupts.count() != interruptions:  # in another thread, before this was sent
                 self._server.stop_commands()
             if not block or self.sequence is not None:
@@ -108,7 +112,7 @@ class Motions:
             self._server.stop_commands()
             raise
 
-    def _start(self, skill: proto.Skill, duration: float, ignore_errors: bool, preempt: bool) -> Motion:
+    def _start(self, skill: proto.Skill, duration: float, ignore_errors: bool, preempt: bool, led: bool) -> Motion:
         sequence = self.sequence
         if sequence is not None and preempt:
             raise FrankaArmArgumentError("preempt=True is not for motions of a sequence, which wait for each other.")
@@ -130,7 +134,7 @@ class Motions:
             logger.warning("%s: the arm is told to recover.", error.message)
             self._server.wait_until_ready()
             call = self._server.start(request)
-        motion = self.running = Motion(call, self._server, skill.description, duration)
+        motion = self.running = Motion(call, self._server, skill.description, duration, led)
         if sequence is not None:
             sequence.motions.append((motion, ignore_errors))
         return motion
@@ -249,12 +253,12 @@ class Motions:
         if judged or (result := motion.result(timeout=0)) is None:
             return
         self.last_result = motion.ended = result
-        if result.stretch > _STRETCH_WORTH_A_WORD:
+        if result.stretch > _STRETCH_WORTH_A_WORD and not motion.led:
             logger.warning("%s was too fast for the arm and took %.2f times as long.", motion.name, result.stretch)
         if result.wall:
             logger.warning("%s was held back by the wall %r.", motion.name, result.wall)
         if result.ending in _GOOD_ENDINGS:
-            if result.message:
+            if result.message and not motion.led:
                 logger.warning("%s has ended, but %s", motion.name, result.message)
             return
         text = f"{motion.name} ended with {proto.Ending.Name(result.ending)}: {result.message or ', '.join(result.errors)}"

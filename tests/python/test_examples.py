@@ -3,6 +3,8 @@
 import contextlib
 import doctest
 import os
+import re
+import shutil
 import subprocess
 import sys
 import threading
@@ -73,11 +75,12 @@ SCENE = REPOSITORY / "sim" / "scenes" / "table_with_block.xml"
         ("force_control.py", [SimulatedArm(lockstep=True, scene=PLATE)]),
         ("recording.py", [SimulatedArm(lockstep=True)]),
         ("imitation.py", [SimulatedArm(lockstep=True)]),
+        ("guidance_and_replay.py", [SimulatedArm(lockstep=True)]),
     ],
 )
 def test_an_example_runs(script, arms):
     with Simulation(*arms) as simulation, contextlib.ExitStack() as helpers:
-        if script == "imitation.py":
+        if script in ("imitation.py", "guidance_and_replay.py"):
             helpers.enter_context(led(simulation))
         environment = os.environ | {"FRANKA_INTERFACE_SERVER": simulation.server}
         done = subprocess.run(
@@ -86,6 +89,19 @@ def test_an_example_runs(script, arms):
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         assert not done.stderr
+
+
+@pytest.mark.timeout(600)  # s: it compiles
+def test_the_example_of_ones_own_controller_runs():
+    # What was compiled before is found again, whatever the folder's name is.
+    cache = {"CMAKE_CXX_COMPILER_LAUNCHER": "ccache", "CCACHE_BASEDIR": "/", "CCACHE_NOHASHDIR": "1"}
+    done = subprocess.run(
+        [sys.executable, REPOSITORY / "examples" / "own_controller.py"],
+        env=os.environ | (cache if shutil.which("ccache") else {}), capture_output=True, text=True, timeout=600, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    stiff, soft = map(float, re.findall(r"ends ([0-9.]+) rad", done.stdout))
+    assert stiff < soft
 
 
 @pytest.mark.parametrize("script", ["streaming.py", "policy.py"])
