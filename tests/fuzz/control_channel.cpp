@@ -17,7 +17,7 @@
 
 #include "models/arm.hpp"
 #include "script.hpp"
-#include "sim/control/control_calls.hpp"
+#include "sim/door/control/control_calls.hpp"
 
 namespace {
 
