@@ -220,10 +220,12 @@ class FrankaArm:
                 not gone to; the skill is not waited for, and ends after `duration` and `buffer_time`, or by a
                 ShouldTerminateSensorMessage.
             buffer_time: s after the end of the curve at which the skill ends in any case.
-            force_thresholds: external forces and torques on the tool, N and N m (6,), above which the robot calls it
-                contact and the motion ends where it is. Then the goal being reached no longer ends it: `duration` and
-                `buffer_time` do.
-            torque_thresholds: external torques of the joints, N m (7,), as force_thresholds; contact of the tool ends it.
+            force_thresholds: external forces and torques on the tool, N and N m (6,), at one of which the motion ends where
+                it is. Then the goal being reached no longer ends it: `duration` and `buffer_time` do. From the upper
+                thresholds of the robot's own collision behaviour on (arm.collision of the server's configuration; 120 N) it
+                is a reflex.
+            torque_thresholds: external torques of the joints, N m (7,). As ever only forces on the tool end the motion: with
+                these alone, 20 N and 25 N m.
             cartesian_impedances: of the robot's own controller, 3 N/m and 3 Nm/rad; without `use_impedance`.
             joint_impedances: of the robot's own controller, Nm/rad, (7,); without `use_impedance`; goes before
                 `cartesian_impedances`.

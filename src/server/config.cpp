@@ -20,6 +20,7 @@
 #include <utility>
 
 #include "models/arm.hpp"
+#include "robot/collision_behavior.hpp"
 
 namespace server {
 namespace {
@@ -313,9 +314,8 @@ ArmConfig read_arm(const toml::table& node, const std::string& source) {
   if (const auto* load = table.table("load")) arm.settings.load = read_load(*load, source);
   if (const auto* tool = table.table("tool")) arm.settings.NE_T_EE = read_tool(*tool, source);
   if (const auto* limits = table.table("limits")) read_limits(*limits, source, arm);
-  if (const auto* collision = table.table("collision")) {
-    arm.settings.collision_behavior = read_collision(*collision, source);
-  }
+  const auto* collision = table.table("collision");
+  arm.settings.collision_behavior = collision != nullptr ? read_collision(*collision, source) : robot::kCollisionBehavior;
   if (const auto* walls = table.find("wall")) {
     const auto* list = walls->as_array();
     if (list == nullptr || !list->is_homogeneous<toml::table>()) table.fail(*walls, "arm.wall: expected one [[arm.wall]] for each wall");

@@ -28,7 +28,7 @@ struct ArmConfig {
   std::optional<int> processor;  // for the loop
   bool lockstep = false;         // a simulated arm that waits for each command: nothing needs real-time priority
   LimitsConfig limits;
-  robot::Settings settings;  // load, tool, collision behaviour where given
+  robot::Settings settings;  // load, tool where given; collision behaviour, that of robot::kCollisionBehavior by default
   std::vector<frankapy::proto::Wall> walls;
 };
 

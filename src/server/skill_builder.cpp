@@ -209,12 +209,6 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
     skill->numbers.terminations.push_back(number_of(kind_of(any)));
   }
   skill->settings = skill->controller->settings();
-  for (const auto& termination : skill->terminations) {
-    if (auto settings = termination->settings(); settings.collision_behavior) {
-      skill->settings.collision_behavior = settings.collision_behavior;
-    }
-  }
-
   if (message.has_start_time()) skill->start_ns = start_ns(message.start_time());
   if (!path) return skill;
   const InPart in_part(skill->numbers.trajectory);

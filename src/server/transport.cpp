@@ -516,7 +516,7 @@ void Transport::begin_change(Build& build) {
   realtime::Skill& skill = *build.skill;
   if (!(skill.settings == running.settings)) {
     throw Refused(proto::Error::INVALID_ARGUMENT,
-                  "the robot takes other settings (its own stiffness, collision behaviour) at rest only: preempt the skill instead");
+                  "the robot takes other settings (its own stiffness) at rest only: preempt the skill instead");
   }
   auto parts = std::make_unique<realtime::Change>();
   parts->skill_id = change.skill_id();

@@ -18,6 +18,7 @@ from frankapy import (
 )
 from frankapy.parts import (
     CartesianImpedance,
+    Contact,
     InternalImpedance,
     JointImpedance,
     MinJerkJoint,
@@ -424,6 +425,21 @@ def test_a_change_that_does_not_fit_is_refused_and_the_skill_goes_on(fa):
     fa.change(trajectory=TimeOptimalJoint(NEAR, 0.3), until=Time(after_trajectory=0.1))
     fa.wait_for_skill()
     np.testing.assert_allclose(fa.get_joints(), NEAR, atol=1e-3)
+
+
+def test_thresholds_of_contact_are_those_of_a_skill_and_cost_the_robot_no_rest(ideal_arm, fa):
+    """A skill takes them while it runs, and the robot's own stay."""
+    ideal_arm.simulation.push([0, 0, 15, 0, 0, 0], duration=3600)
+    try:
+        for threshold, ends in [(30, "Time"), (8, "Contact")]:
+            fa.run(StayPose(1000), CartesianImpedance(), Never(), block=False)
+            wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING and abs(fa.get_arm_state().robot.O_F_ext_hat_K[2]) > 12)
+            fa.change(until=[Contact(force_thresholds=[100, 100, threshold, 20, 20, 20]), Time(0)])
+            fa.wait_for_skill()
+            assert fa.last_skill_result.termination == ends
+            assert not any(fa.get_arm_state().robot.cartesian_contact)
+    finally:
+        ideal_arm.simulation.push([0] * 6, duration=0)
 
 
 # --- a time to begin at ----------------------------------------------------------------------------------------------

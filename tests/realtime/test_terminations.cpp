@@ -147,20 +147,53 @@ TEST_F(Terminations, contact_looks_at_the_flags_that_it_was_told_to) {
   EXPECT_TRUE(ends(joint));
 }
 
-TEST_F(Terminations, thresholds_of_contact_are_set_for_the_skill) {
-  EXPECT_FALSE(realtime::Contact({true, false, {}, {}}).settings().collision_behavior);
-  const auto only_force = *realtime::Contact({true, false, realtime::Vector6::Constant(7), {}}).settings().collision_behavior;
-  EXPECT_EQ(only_force.lower_force_thresholds_nominal[2], 7);
-  EXPECT_EQ(only_force.lower_force_thresholds_acceleration[2], 7);
-  EXPECT_EQ(only_force.upper_force_thresholds_nominal[2], 120);
-  EXPECT_EQ(only_force.lower_torque_thresholds_nominal[6], 12);
-  realtime::Terminations parts;
-  parts.push_back(std::make_unique<realtime::Never>());
-  parts.push_back(std::make_unique<realtime::Contact>(
-      realtime::Contact::Parameters{true, false, {}, Vector7(Vector7::Constant(5))}));
-  const auto of_parts = realtime::AllOf(std::move(parts)).settings();
-  ASSERT_TRUE(of_parts.collision_behavior);
-  EXPECT_EQ(of_parts.collision_behavior->lower_torque_thresholds_nominal[0], 5);
+TEST_F(Terminations, contact_with_thresholds_looks_at_each_component_of_the_estimates) {
+  const Progress progress{joints, false, reference};
+  const realtime::Vector6 force = (realtime::Vector6() << 5, 6, 7, 1, 2, 3).finished();
+  const Vector7 torque = (Vector7() << 1, 2, 3, 4, 5, 6, 7).finished();
+  realtime::Contact cartesian({true, false, force, {}}), joint({false, true, {}, torque}), both({true, true, force, torque});
+  const auto ends = [&](realtime::Contact& contact) { return contact.step(arm.cycle, progress); };
+  arm.state.cartesian_contact.fill(1);  // the robot's flags are of its own thresholds
+  arm.state.joint_contact.fill(1);
+  EXPECT_FALSE(ends(both));
+  for (const double sign : {-1.0, 1.0}) {
+    for (std::size_t i = 0; i < 6; ++i) {
+      double& felt = arm.state.O_F_ext_hat_K[i];
+      felt = sign * (force[static_cast<Eigen::Index>(i)] - 0.1);
+      EXPECT_FALSE(ends(both)) << i;
+      felt = sign * (force[static_cast<Eigen::Index>(i)] + 0.1);
+      EXPECT_TRUE(ends(cartesian)) << i;
+      EXPECT_TRUE(ends(both)) << i;
+      EXPECT_FALSE(ends(joint)) << i;
+      felt = 0;
+    }
+    for (std::size_t i = 0; i < 7; ++i) {
+      double& felt = arm.state.tau_ext_hat_filtered[i];
+      felt = sign * (torque[static_cast<Eigen::Index>(i)] - 0.1);
+      EXPECT_FALSE(ends(both)) << i;
+      felt = sign * (torque[static_cast<Eigen::Index>(i)] + 0.1);
+      EXPECT_TRUE(ends(joint)) << i;
+      EXPECT_TRUE(ends(both)) << i;
+      EXPECT_FALSE(ends(cartesian)) << i;
+      felt = 0;
+    }
+  }
+}
+
+TEST_F(Terminations, thresholds_of_contact_that_are_not_given_are_those_published) {
+  const Progress progress{joints, false, reference};
+  realtime::Contact only_torque({true, true, {}, Vector7(Vector7::Constant(50))});
+  realtime::Contact only_force({true, true, realtime::Vector6(realtime::Vector6::Constant(50)), {}});
+  const auto ends = [&](realtime::Contact& contact) { return contact.step(arm.cycle, progress); };
+  arm.state.O_F_ext_hat_K[5] = 24.9;
+  EXPECT_FALSE(ends(only_torque));
+  arm.state.O_F_ext_hat_K[5] = 25.1;
+  EXPECT_TRUE(ends(only_torque));
+  EXPECT_FALSE(ends(only_force));
+  arm.state.tau_ext_hat_filtered[6] = -11.9;
+  EXPECT_FALSE(ends(only_force));
+  arm.state.tau_ext_hat_filtered[6] = -12.1;
+  EXPECT_TRUE(ends(only_force));
 }
 
 TEST_F(Terminations, wrench_is_judged_along_its_axis_or_by_its_size) {

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <fstream>
 
+#include "robot/collision_behavior.hpp"
 #include "server/config.hpp"
 
 namespace server {
@@ -74,6 +75,7 @@ address = "172.16.0.3"
   EXPECT_EQ(config.arms[1].model, "auto");
   EXPECT_TRUE(config.arms[1].gripper);
   EXPECT_FALSE(config.arms[1].settings.load);
+  EXPECT_EQ(config.arms[1].settings.collision_behavior, robot::kCollisionBehavior);
 }
 
 TEST(Config, OfOneRobotIsReadAsAFileIs) {
@@ -162,7 +164,7 @@ TEST(Config, TheExampleIsOne) {
   const Config config = parse_config(read_config_file(file), file);
   ASSERT_EQ(config.arms.size(), 2u);
   EXPECT_EQ(config.arms[0].processor, 3);
-  EXPECT_TRUE(config.arms[1].settings.collision_behavior);
+  EXPECT_EQ(config.arms[0].settings.collision_behavior, config.arms[1].settings.collision_behavior) << "which names the defaults";
 }
 
 TEST(Config, AFileThatCannotBeReadIsNamed) {

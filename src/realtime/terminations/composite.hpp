@@ -28,13 +28,6 @@ class Composite : public Termination {
     }
     return all;
   }
-  // Of the first that has any.
-  robot::Settings settings() const noexcept override {
-    for (const auto& part : parts_) {
-      if (robot::Settings settings = part->settings(); settings.collision_behavior) return settings;
-    }
-    return {};
-  }
   void start() noexcept override {
     for (const auto& part : parts_) part->start();
   }

@@ -3,7 +3,6 @@
 #include "realtime/cycle.hpp"
 #include "realtime/part.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
-#include "robot/mode.hpp"
 
 namespace realtime {
 
@@ -22,8 +21,6 @@ class Termination : public Part {
  public:
   // The channels that a trajectory must fill for it.
   virtual Channels judges() const noexcept { return Channels::kNone; }
-  // What the robot must be set to for it.
-  virtual robot::Settings settings() const noexcept { return {}; }
 
   virtual void start() noexcept {}
   virtual bool step(const Cycle& cycle, const Progress& progress) noexcept = 0;
