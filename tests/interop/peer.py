@@ -16,6 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 # Each program with everything that it needs:
 #   echo name==version | uv pip compile --universal --no-header --no-annotate --python-version 3.11 - -o name-version.txt
 PINS = Path(__file__).resolve().parent / "peers"
+PORTS = (1337, 1338, 1339)  # of an arm, its hand, and what is around a simulated one
 
 
 @dataclasses.dataclass
@@ -86,9 +87,9 @@ def free_address() -> str:
     """A loopback address on which nobody has a robot's ports."""
     for _ in range(100):
         address = ".".join(["127", *(str(random.randint(1, 254)) for _ in range(3))])
-        if not (is_taken(address, 1337) or is_taken(address, 1338)):
+        if not any(is_taken(address, port) for port in PORTS):
             return address
-    raise OSError("ports 1337 and 1338 are taken at all of 100 loopback addresses: end what listens on them at 0.0.0.0")
+    raise OSError(f"ports {PORTS} are taken at all of 100 loopback addresses: end what listens on them at 0.0.0.0")
 
 
 if __name__ == "__main__":  # the Python of `peer.py NAME VERSION`, for those that are no Python

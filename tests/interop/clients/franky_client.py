@@ -5,6 +5,9 @@ import sys
 import time
 
 import franky
+import hands
+import numpy as np
+import people
 import report
 
 ADDRESS = sys.argv[1]
@@ -72,6 +75,135 @@ def impedance():
     robot.set_joint_impedance([3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0])
     robot.move(franky.JointMotion(report.joint_position(start, report.TIME)))
     report.expect_joint(start, joints(), 0.01)
+
+
+def after(states):
+    """The newest state, when so many have come."""
+    for _ in range(states):
+        state = robot.state
+    return state
+
+
+def refuse(setter, *values):
+    try:
+        setter(*values)
+    except franky.CommandException as error:
+        if "invalid argument" not in str(error):
+            raise
+    else:
+        raise AssertionError(f"{values} was taken")
+
+
+@contextlib.contextmanager
+def pushed(*force):
+    """A push on the tool, N; the state when it has been felt."""
+    report.world("push", force)
+    try:
+        yield after(300)
+    finally:
+        report.world("push", [0.0, 0.0, 0.0])
+        after(300)
+
+
+def set_collision_behavior():
+    """Thresholds in all three forms: a push is a contact, or a collision."""
+    high, low = [60.0] * 7, [60.0] * 6
+    try:
+        for contact in (
+            (high, high, [4.0] * 6, low),
+            (high, high, high, high, low, low, [4.0] * 6, low),
+        ):
+            robot.set_collision_behavior(*contact)
+            with pushed(0.0, 0.0, -10.0) as state:
+                if not np.any(state.cartesian_contact) or robot.has_errors:
+                    raise AssertionError("a push of 10 N is no contact where 4 N are the threshold")
+        robot.set_collision_behavior(high, low)
+        with pushed(0.0, 0.0, -10.0) as state:
+            if np.any(state.cartesian_contact):
+                raise AssertionError("a push of 10 N is a contact where 60 N are the threshold")
+        robot.set_collision_behavior(60.0, 4.0)
+        with pushed(0.0, 0.0, -10.0) as state:
+            if not state.current_errors.cartesian_reflex:
+                raise AssertionError("a push of 10 N is no reflex where 4 N are the threshold")
+        robot.recover_from_errors()
+        refuse(robot.set_collision_behavior, -1.0, 30.0)
+    finally:
+        robot.recover_from_errors()
+        robot.set_collision_behavior(20.0, 30.0)  # franky's own
+
+
+def set_joint_impedance():
+    """The arm yields to a push by its torque over the stiffness."""
+    stiff = [3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0]
+    robot.move(franky.JointMotion(joints()))  # it holds by joint impedance from now on
+    for stiffness in (200.0, 1000.0):
+        robot.set_joint_impedance([stiffness, *stiff[1:]])
+        with pushed(0.0, 10.0, 0.0) as state:
+            torque, yielded = state.tau_ext_hat_filtered[0], state.q[0] - state.q_d[0]
+        report.expect("yielding of joint 1", abs(yielded), abs(torque) / stiffness, 0.25 * abs(torque) / stiffness)
+    robot.set_joint_impedance(stiff)
+    refuse(robot.set_joint_impedance, [-5.0, *stiff[1:]])
+    refuse(robot.set_joint_impedance, [20000.0, *stiff[1:]])
+
+
+def set_cartesian_impedance():
+    robot.set_cartesian_impedance([500.0] * 3 + [50.0] * 3)
+    robot.set_cartesian_impedance([3000.0] * 3 + [300.0] * 3)
+    refuse(robot.set_cartesian_impedance, [5.0, 500.0, 500.0, 50.0, 50.0, 50.0])
+    refuse(robot.set_cartesian_impedance, [500.0, 500.0, 500.0, 50.0, 50.0, 400.0])
+
+
+def frame_setter(setter, name):
+    """A frame that the state shows, and two that are none."""
+    try:
+        setter(report.TOOL)
+        shown = getattr(after(2), name).matrix.T.flatten()
+        for i, wanted in enumerate(report.TOOL):
+            report.expect(f"{name}[{i}]", shown[i], wanted, 1e-6)
+    finally:
+        setter(list(np.eye(4).flatten()))
+    refuse(setter, [2.0, *report.TOOL[1:]])
+    refuse(setter, [-1.0, *report.TOOL[1:]])  # left-handed
+
+
+def set_load():
+    mass, center, inertia = report.LOAD
+    try:
+        robot.set_load(mass, center, inertia)
+        state = after(2)
+        report.expect("m_load", state.m_load, mass, 1e-6)
+        for i in range(3):
+            report.expect(f"F_x_Cload[{i}]", state.F_x_Cload[i], center[i], 1e-6)
+        for i, wanted in enumerate(inertia):
+            report.expect(f"I_load[{i}]", state.I_load.T.flatten()[i], wanted, 1e-6)
+    finally:
+        robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
+    refuse(robot.set_load, -0.1, center, inertia)
+    refuse(robot.set_load, mass, center, [-value for value in inertia])
+
+
+def user_stop(motion_to):
+    """A motion to where the arm never is; afterwards it goes back."""
+    start = joints()
+
+    def motion():
+        robot.relative_dynamics_factor = SLOW
+        try:
+            robot.move(motion_to(start), asynchronous=True)
+            wait_until(lambda: max(abs(q - q0) for q, q0 in zip(joints(), start, strict=True)) > 0.002)
+            report.ask("user_stop", True)
+            robot.join_motion(60.0)
+        finally:
+            robot.relative_dynamics_factor = FACTOR
+
+    def back():
+        robot.recover_from_errors()
+        robot.move(franky.JointMotion(start))
+        for i, (q, wanted) in enumerate(zip(joints(), start, strict=True)):
+            report.expect(f"joint {i + 1}", q, wanted, 0.01)
+
+    refused = [lambda: robot.move(franky.JointMotion(start)), robot.recover_from_errors]
+    people.user_stop(lambda: robot.state, motion, refused, back)
 
 
 def wait_until(condition):
@@ -172,8 +304,26 @@ def recovery():
         report.expect(f"joint {i + 1}", q, wanted, 0.01)
 
 
+def place():
+    """m (3,)"""
+    return after(2).O_T_EE.translation
+
+
 def guiding():
-    robot.set_guiding_mode([True, True, True, False, False, False], False)
+    start = joints()
+    with people.guiding(lambda: robot.state):
+        people.lead(place, 1, free=True)
+    robot.move(franky.JointMotion(start))
+
+
+def guiding_axes():
+    start = joints()
+    robot.set_guiding_mode([True, False, False, False, False, False], False)
+    with people.guiding(lambda: robot.state):
+        people.lead(place, 0, free=True)
+        people.lead(place, 1, free=False)
+    robot.set_guiding_mode([True] * 6, True)
+    robot.move(franky.JointMotion(start))
 
 
 def model():
@@ -204,22 +354,57 @@ def gripper():
         raise AssertionError("air was grasped")
 
 
+def with_hand(attempt, *more):
+    hand = franky.Gripper(ADDRESS)
+    attempt(hand, lambda: hand.state, *more)
+
+
+def further(start):
+    """Far, so that no computer is there before somebody presses a button."""
+    return franky.JointMotion([*start[:6], start[6] + 1.0])
+
+
+def higher(_start):
+    return franky.CartesianMotion(franky.Affine([0.0, 0.0, -0.2]), franky.ReferenceType.Relative)
+
+
+def raise_arm():
+    robot.move(franky.CartesianMotion(franky.Affine([0.0, 0.0, -report.DISTANCE]), franky.ReferenceType.Relative))
+
+
+def sideways(start):
+    return franky.JointImpedanceMotion(report.joint_position(start, report.TIME))
+
+
+TORQUE = [("torque", torque), ("user stop, torque", lambda: user_stop(sideways))]
 report.run(
     [
         ("model", model),
         ("guiding", guiding),
+        ("guiding axes", guiding_axes),
         ("joint motion", joint_motion),
         ("joint waypoints", joint_waypoints),
         ("joint velocity", joint_velocity),
         ("cartesian motion", cartesian_motion),
         ("cartesian velocity", cartesian_velocity),
         ("joint impedance setter", impedance),
+        ("set_collision_behavior", set_collision_behavior),
+        ("set_joint_impedance", set_joint_impedance),
+        ("set_cartesian_impedance", set_cartesian_impedance),
+        ("set_ee", lambda: frame_setter(robot.set_ee, "NE_T_EE")),
+        ("set_k", lambda: frame_setter(robot.set_k, "EE_T_K")),
+        ("set_load", set_load),
         ("stop motion", stop),
         ("cancel", cancel),
-        *([("torque", torque)] if hasattr(franky, "JointImpedanceMotion") else []),  # not yet in 1.1.0
+        *(TORQUE if hasattr(franky, "JointImpedanceMotion") else []),  # not yet in 1.1.0
         ("reaction", reaction),
         ("reflex and recovery", recovery),
+        ("user stop, joint motion", lambda: user_stop(further)),
+        ("user stop, cartesian motion", lambda: user_stop(higher)),
         ("gripper", gripper),
+        ("gripper stop", lambda: with_hand(hands.stop)),
+        ("gripper, values out of range", lambda: with_hand(hands.out_of_range)),
+        ("grasp", lambda: with_hand(hands.grasp, raise_arm)),
     ],
     robot.recover_from_errors,
 )

@@ -1,8 +1,11 @@
 """libfranka 0.9.2 through panda-python 1.1.1 (protocol 5), its nine ways to control: `panda_python_client.py ADDRESS`."""
 
 import sys
-import threading
 
+import hands
+import numpy as np
+import people
+import provocations
 import report
 from panda_py import libfranka as franka
 
@@ -97,6 +100,7 @@ def setters():
     robot.set_load(0.2, [0.0, 0.0, 0.05], [0.001, 0, 0, 0, 0.001, 0, 0, 0, 0.001])
     report.expect("m_load", newest().m_load, 0.2, 1e-9)
     robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
+    report.expect_refused("invalid argument", lambda: robot.set_joint_impedance([-5.0] * 7))
 
 
 def model():
@@ -170,31 +174,69 @@ def gripper():
         raise AssertionError("move after a failed grasp failed")
 
 
-def gripper_stop():
-    """A slow move, stopped from another thread."""
+def home():
+    """To where all ways are free."""
+    way = list(provocations.way(np.array(newest().q_d), provocations.HOME))
+
+    def callback(_, __):
+        command = franka.JointPositions(way.pop(0))
+        command.motion_finished = not way
+        return command
+
+    robot.control_joint_position(callback, limit_rate=False, cutoff_frequency=1000.0)
+
+
+def with_hand(attempt, *more):
     hand = franka.Gripper(ADDRESS)
-    hand.move(0.0, 0.1)
-    ends = []
+    attempt(hand, hand.read_once, *more)
 
-    def move():
-        try:
-            ends.append("arrived" if hand.move(0.08, 0.01) else "unsuccessful")
-        except RuntimeError as error:
-            ends.append(str(error))
 
-    # States are read in the order in which they came: those from before wait in the socket.
-    while hand.read_once().width > 0.001:
-        pass
-    mover = threading.Thread(target=move)
-    mover.start()
-    try:
-        while hand.read_once().width < 0.002:
-            pass
-    finally:  # the next attempt, after a computer that stood still, finds a hand that nobody moves
-        hand.stop()
-        mover.join()
-    if "abort" not in ends[0]:
-        raise AssertionError(f"the move ended with {ends[0]} at {hand.read_once().width} m")
+def grasp():
+    home()
+    with_hand(hands.grasp, lambda: internal("cartesian pose", INTERNAL["joint impedance"]))
+
+
+def user_stop(kind):
+    home()
+    start = newest()
+    make = {
+        "joint velocity": lambda _, t: franka.JointVelocities(report.joint_velocity(t, report.sway)),
+        "cartesian velocity": lambda _, t: franka.CartesianVelocities(report.twist(t, report.sway)),
+        "torque": lambda state, t: franka.Torques(report.torque(start.q, state.q, state.dq, t, report.sway)),
+    }[kind]
+    t, press_at = 0.0, people.presser()
+
+    def callback(state, duration):
+        nonlocal t
+        t += duration.to_sec()
+        press_at(t)
+        return make(state, t)
+
+    def motion():
+        control = robot.control if kind == "torque" else getattr(robot, "control_" + kind.replace(" ", "_"))
+        control(callback)
+
+    def again():
+        robot.automatic_error_recovery()
+        internal("joint velocity", INTERNAL["joint impedance"])
+
+    people.user_stop(newest, motion, [again, robot.automatic_error_recovery], again)
+
+
+def guiding():
+    home()
+    with people.guiding(newest):
+        people.lead(lambda: newest().O_T_EE[12:15], 1, free=True)
+    internal("joint velocity", INTERNAL["joint impedance"])
+
+
+def guiding_axes():
+    home()
+    robot.set_guiding_mode([True, False, False, False, False, False], False)
+    with people.guiding(newest):
+        people.lead(lambda: newest().O_T_EE[12:15], 0, free=True)
+        people.lead(lambda: newest().O_T_EE[12:15], 1, free=False)
+    robot.set_guiding_mode([True] * 6, True)
 
 
 report.run(
@@ -209,8 +251,13 @@ report.run(
     + [
         ("stop", stop),
         ("reflex and recovery", reflex_and_recovery),
+        *((f"user stop, {kind}", lambda kind=kind: user_stop(kind)) for kind in ("joint velocity", "cartesian velocity", "torque")),
+        ("guiding", guiding),
+        ("guiding axes", guiding_axes),
         ("gripper", gripper),
-        ("gripper stop", gripper_stop),
+        ("gripper stop", lambda: with_hand(hands.stop)),
+        ("gripper, values out of range", lambda: with_hand(hands.out_of_range)),
+        ("grasp", grasp),
     ],
     robot.automatic_error_recovery,
 )

@@ -4,7 +4,10 @@ import gc
 import sys
 import time
 
+import hands
 import numpy as np
+import people
+import provocations
 import pylibfranka as franka
 import report
 
@@ -130,17 +133,22 @@ def rest():
     raise AssertionError(f"the arm does not come to rest: dq is {state.dq}")
 
 
-def torque():
-    start = rest()
+def torques(start, along=report.profile):
+    """Commands along a way from there."""
     last = np.zeros(7)
 
     def within_rate(state, t):
         # The bindings limit no rates, and do not say when a command was late: at a third of the limit two may be lost.
         nonlocal last
-        last = np.clip(report.torque(start.q, state.q, state.dq, t), last - 0.33, last + 0.33)
+        last = np.clip(report.torque(start.q, state.q, state.dq, t, along), last - 0.33, last + 0.33)
         return franka.Torques(last)
 
-    drive(robot.start_torque_control(), within_rate)
+    return within_rate
+
+
+def torque():
+    start = rest()
+    drive(robot.start_torque_control(), torques(start))
     report.expect_joint(start.q, robot.read_once().q, 0.01)
 
 
@@ -236,6 +244,75 @@ def gripper():
         raise AssertionError("move after a failed grasp failed")
 
 
+def home():
+    """To where all ways are free."""
+    start = rest()
+    control = robot.start_joint_position_control(INTERNAL["joint impedance"])
+    way = list(provocations.way(np.array(start.q_d), provocations.HOME))
+    for q in way:
+        control.readOnce()
+        command = franka.JointPositions(q)
+        command.motion_finished = q is way[-1]
+        control.writeOnce(command)
+
+
+def with_hand(attempt, *more):
+    hand = franka.Gripper(ADDRESS)
+    attempt(hand, hand.read_once, *more)
+
+
+def gripper_stop():
+    raise NotImplementedError("a move keeps Python's lock, so that no other thread can stop it")
+
+
+def grasp():
+    home()
+    with_hand(hands.grasp, lambda: cartesian_pose(INTERNAL["joint impedance"]))
+
+
+def user_stop(kind):
+    home()
+    start = rest()
+    mode = INTERNAL["joint impedance"]
+    begin, make = {
+        "joint velocity": (
+            lambda: robot.start_joint_velocity_control(mode),
+            lambda _, t: franka.JointVelocities(report.joint_velocity(t, report.sway)),
+        ),
+        "cartesian velocity": (
+            lambda: robot.start_cartesian_velocity_control(mode),
+            lambda _, t: franka.CartesianVelocities(report.twist(t, report.sway)),
+        ),
+        "torque": (robot.start_torque_control, torques(start, report.sway)),
+    }[kind]
+
+    def motion():
+        control = begin()
+        t, press_at = 0.0, people.presser()
+        while True:
+            state, duration = control.readOnce()
+            t += duration.to_sec()
+            press_at(t)
+            control.writeOnce(make(state, t))
+
+    def again():
+        robot.automatic_error_recovery()
+        joint_velocity(mode)
+
+    people.user_stop(robot.read_once, motion, [begin, robot.automatic_error_recovery], again)
+
+
+def guiding():
+    home()
+    with people.guiding(robot.read_once):
+        people.lead(lambda: newest().O_T_EE[12:15], 1, free=True)
+    joint_velocity(INTERNAL["joint impedance"])
+
+
+def guiding_axes():
+    raise NotImplementedError("its bindings have none")
+
+
 report.run(
     [("model", model), ("setters", setters)]
     + [
@@ -248,7 +325,13 @@ report.run(
         ("torque", torque),
         ("stop", stop),
         ("reflex and recovery", reflex_and_recovery),
+        *((f"user stop, {kind}", lambda kind=kind: user_stop(kind)) for kind in ("joint velocity", "cartesian velocity", "torque")),
+        ("guiding", guiding),
+        ("guiding axes", guiding_axes),
         ("gripper", gripper),
+        ("gripper stop", gripper_stop),
+        ("gripper, values out of range", lambda: with_hand(hands.out_of_range)),
+        ("grasp", grasp),
     ],
     recover,
 )
