@@ -14,9 +14,10 @@ import zmq
 
 from frankapy import channel as channels
 from frankapy import proto
-from frankapy.channel import Call, Channel, parse_reply, raise_error
+from frankapy.channel import COMMANDS, Call, Channel, parse_reply, raise_error
 from frankapy.exceptions import (
     FrankaArmArgumentError,
+    FrankaArmBusyException,
     FrankaArmCommException,
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
@@ -33,6 +34,8 @@ _ASK_AGAIN = 0.5  # s
 _START_TIME = 10.0  # s that an arm's process may need to be ready
 _CLOCK_QUESTIONS = 10
 _ROUND_TRIPS = 5
+_LEASE_TICK = 0.05  # s
+_LEASE_TIME = 1.0  # s after which the lease of a client that was killed has fallen free
 _END_TIME = 1.0  # s that the supervisor may need to say how an arm's process ended, or to be there again
 _MAX_REQUEST = 8 << 20  # bytes; a longer one would end its connection (kMaxMessage of src/server/transport.cpp)
 
@@ -157,6 +160,7 @@ class Connection:
         self._robot_num = robot_num
         self._lock = threading.Lock()  # of opening
         self._closed = False
+        self._has_commanded = False
         self._pid = os.getpid()
         self.welcome = proto.Welcome()
         self._channel = self._open()
@@ -190,10 +194,24 @@ class Connection:
     def start(self, request: proto.Request) -> Call:
         """Send a request and wait for its first answer.
 
-        Sent once more when the arm's process does not know this client, and what may come twice when that process has ended.
+        Sent once more when the arm's process does not know this client, and what may come twice when that process has ended. A
+        first command is sent again for a second while another client has the arm: one that was killed has it for a moment still.
 
         Raises what an error stands for, FrankaArmCommException when the arm's process is gone.
         """
+        deadline = time.monotonic() + _LEASE_TIME
+        while True:
+            try:
+                call = self._start(request)
+            except FrankaArmBusyException:
+                if self._has_commanded or time.monotonic() > deadline:
+                    raise
+                time.sleep(_LEASE_TICK)
+            else:
+                self._has_commanded |= call.kind in COMMANDS
+                return call
+
+    def _start(self, request: proto.Request) -> Call:
         call = self.send(request)
         try:
             call.first()

@@ -25,6 +25,7 @@ from frankapy import (
     RigidTransform,
     channel,
     cli,
+    connection,
     proto,
 )
 from frankapy.sim import free_address
@@ -103,11 +104,22 @@ def test_an_arm_that_is_not_there_is_refused_with_those_that_are(server):
         (proto.Error.INTERNAL, FrankaArmException),
     ],
 )
-def test_a_refusal_raises_its_exception_with_the_servers_text(server, arm, code, exception):
+def test_a_refusal_raises_its_exception_with_the_servers_text(server, arm, code, exception, monkeypatch):
+    monkeypatch.setattr(connection, "_LEASE_TIME", 0)
     server.refusals = [refusal(code, "the reason")]
     with pytest.raises(exception, match="the reason"):
         arm.goto_joints(HOME, 1)
     arm.goto_joints(HOME, 1)
+
+
+def test_a_first_command_waits_for_the_arm_of_one_that_was_killed_and_no_other_does(server, arm):
+    server.refusals = [refusal(proto.Error.BUSY, "another client commands this arm")] * 3
+    arm.goto_joints(HOME, 1)
+    assert len(server.calls("start_skill")) == 4
+    server.refusals = [refusal(proto.Error.BUSY)]
+    with pytest.raises(FrankaArmBusyException):
+        arm.goto_joints(HOME, 1)
+    assert len(server.calls("start_skill")) == 5
 
 
 def test_an_arm_in_error_is_recovered_and_the_motion_made(server, arm):
@@ -492,7 +504,8 @@ def test_a_slow_reader_loses_what_comes_while_too_many_wait():
     context.destroy(linger=0)
 
 
-def test_errors_name_what_python_calls_what_is_to_be_done(server, arm):
+def test_errors_name_what_python_calls_what_is_to_be_done(server, arm, monkeypatch):
+    monkeypatch.setattr(connection, "_LEASE_TIME", 0)
     server.refusals = [refusal(proto.Error.NOT_READY, "the user stop is pressed: release it, then recover")]
     with pytest.raises(FrankaArmException, match=r"fa\.wait_for_franka_interface\(\)"):
         arm.goto_joints(HOME, 1, ignore_errors=False)

@@ -5,10 +5,7 @@ import os
 import random
 import signal
 import socket
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,33 +84,6 @@ def test_the_skill_of_a_client_that_left_holds_nobody_up(ideal_arm):
         wait_until(lambda: is_moving(second))
         second.goto_joints(HOME + 0.1, 1)
         np.testing.assert_allclose(second.get_joints(), HOME + 0.1, atol=0.001)
-
-
-KILLED = """
-import sys
-from frankapy import FrankaArm
-FrankaArm(server=sys.argv[1]).goto_joints({goal}, {duration})
-"""
-
-
-def test_after_a_client_was_killed_the_next_one_commands(fa, ideal_arm):
-    fa.close()
-    script = KILLED.format(goal=GOAL.tolist(), duration=LONG)
-    child = subprocess.Popen([sys.executable, "-c", script, ideal_arm.server])
-    with ideal_arm.client() as other:
-        wait_until(lambda: is_moving(other))
-        os.kill(child.pid, signal.SIGKILL)
-        child.wait()
-
-        def commands():
-            try:
-                other.goto_joints(HOME, 1)
-            except FrankaArmBusyException:
-                return False
-            return True
-
-        wait_until(commands)
-        np.testing.assert_allclose(other.get_joints(), HOME, atol=0.001)
 
 
 def test_an_arm_that_the_server_does_not_have_is_refused(ideal_arm):
