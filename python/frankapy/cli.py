@@ -1,5 +1,5 @@
-"""The command line: frankapy status, sim, compat, record, info, plot, replay, export, demonstrate,
-learn, imitate, latency, kinds, new, doctor."""
+"""The command line: frankapy status, sim, compat, record, info, plot, replay, export, demonstrate, segment,
+learn, imitate, walls, latency, kinds, new, doctor."""
 
 from __future__ import annotations
 
@@ -15,44 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from frankapy import parts, proto
-from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE, Connection, list_arms, server_address
+from frankapy import cli_imitation, cli_status, parts
+from frankapy.cli_status import TITLES
+from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE
 from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
 from frankapy.recording import Recording
-from frankapy.utils import franka_pose_to_rigid_transform
+from frankapy.terminal import colored, print_rows
 
 COMPAT = Path(__file__).resolve().parent / "compat"  # the folder that stands in for ROS
-_TITLES = {"fer": "FER (Panda)", "fr3": "FR3", "fr3v2": "FR3v2"}
-_NOT_TAKEN = {  # by the fields of the message
-    "wrong_size": "datagrams of the wrong size",
-    "bad_values": "states with values that are no numbers, or unknown modes",
-    "old": "states that were not newer than the last",
-    "foreign": "datagrams from another address",
-    "unsent": "commands that the network did not take",
-    "unasked": "answers that nobody had asked for",
-}
-_TOPIC_COUNTS = {  # by the fields of Topics.Topic
-    "received": "received",
-    "lost": "lost",
-    "out_of_order": "out of order",
-    "late": "late",
-    "stale": "stale",
-    "refused": "refused",
-    "overrun": "too many for the loop",
-}
-_PHASES = {
-    proto.CONNECTING: "connecting",
-    proto.READY: "ready",
-    proto.CONFIGURING: "sending settings",
-    proto.STARTING: "starting a motion",
-    proto.RUNNING: "running a skill",
-    proto.HOLDING: "holding its reference",
-    proto.BRAKING: "braking",
-    proto.FINISHING: "finishing a motion",
-    proto.ERROR: "in error: takes no motion until recovered",
-    proto.RECOVERING: "recovering",
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,11 +39,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def add_server(command: argparse.ArgumentParser) -> None:
         command.add_argument("--server", help=f"host[:port]; else ${SERVER_VARIABLE}, else 127.0.0.1:{DEFAULT_PORT}")
 
-    status = add("status", _status, "show the arms of a server and what they do")
+    def add_arm(command: argparse.ArgumentParser) -> None:
+        add_server(command)
+        command.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+
+    status = add("status", cli_status.show, "show the arms of a server and what they do")
     add_server(status)
 
     sim = add("sim", _sim, "start simulated arms and a server for them, until Ctrl-C")
-    sim.add_argument("--robot", action="append", choices=list(_TITLES), help="fr3 (default); once for each arm")
+    sim.add_argument("--robot", action="append", choices=list(TITLES), help="fr3 (default); once for each arm")
     sim.add_argument(
         "--protocol", default="auto", choices=["auto", *map(str, range(5, 11))], help="version of the robot"
     )
@@ -93,8 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("compat", _compat, "show the folder that stands in for ROS: PYTHONPATH=$(frankapy compat) python SCRIPT")
 
     record = add("record", _record, "record an arm, on its server's computer, until Ctrl-C")
-    add_server(record)
-    record.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    add_arm(record)
     record.add_argument("--seconds", type=float, help="and no longer than this")
 
     def add_file(name: str, run: object, text: str, file: str = "a recording") -> argparse.ArgumentParser:
@@ -108,37 +82,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     export = add_file("export", _export, "write the states of a recording as .csv or .parquet")
     export.add_argument("to", type=Path, nargs="?", help="default: the recording's name, .parquet")
     latency = add("latency", _latency, "measure the way between this computer, the server and the arm, and say if it is good enough")
-    add_server(latency)
-    latency.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    add_arm(latency)
     latency.add_argument("--hold", action="store_true", help="also hold the arm still under control for some seconds")
 
     replay = add_file("replay", _replay, "let an arm do what it does in a recording")
-    add_server(replay)
-    replay.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    add_arm(replay)
     replay.add_argument("--speed", type=float, default=1.0, help="0.1 takes ten times as long (default 1)")
 
-    demonstrate = add_file("demonstrate", _demonstrate, "let somebody lead an arm by hand, until Ctrl-C, and write down what they do", "FILE.npz")
-    add_server(demonstrate)
-    demonstrate.add_argument("--arm", type=int, default=1, help="its number (default 1)")
-    demonstrate.add_argument("--seconds", type=float, default=600, help="and no longer than this (default 600)")
-
-    learn = add("learn", _learn, "learn a movement primitive from demonstrations (.npz, .mcap, or .pkl of old scripts)")
-    learn.add_argument("files", type=Path, nargs="+", help="demonstrations of one motion")
-    learn.add_argument("--output", "-o", type=Path, required=True, help="FILE.npz, or FILE.pkl for old scripts")
-    learn.add_argument("--kind", default="joint", choices=["joint", "position", "pose"], help="of the joints (default), or the tool")
-    learn.add_argument("--basis", type=int, default=25, help="functions (default 25)")
-    learn.add_argument("--smooth", type=float, default=0.05, help="s, of what is taken for tremor (default 0.05; 0: nothing)")
-    learn.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what was learned over what was shown")
-
-    imitate = add_file("imitate", _imitate, "let an arm do what it has learned, from where it began", "what `frankapy learn` wrote")
-    add_server(imitate)
-    imitate.add_argument("--arm", type=int, default=1, help="its number (default 1)")
-    imitate.add_argument("--duration", type=float, help="s (default: as it was shown)")
-    imitate.add_argument("--loops", type=int, default=1, help="how often (default 1)")
+    cli_imitation.add_commands(add, add_arm)
 
     walls = add("walls", _walls, "list what an arm must not touch, add to it, or remove from it")
-    add_server(walls)
-    walls.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    add_arm(walls)
     change = walls.add_subparsers(dest="change", metavar="add|remove")
     wall = change.add_parser("add", help="add a wall, or put it in the place of that name")
     wall.add_argument("name")
@@ -209,7 +163,7 @@ def _record(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    _print_rows(options.file.name, Recording(options.file).summary())
+    print_rows(options.file.name, Recording(options.file).summary())
     return 0
 
 
@@ -253,56 +207,6 @@ def _replay(options: argparse.Namespace) -> int:
         with fa.sequence():
             for first in range(0, len(path), most):
                 fa.run(parts.JointSamples(path[first : first + most]), skill_desc=f"replay of {options.file.name}")
-    return 0
-
-
-# --- imitation -------------------------------------------------------------------------------------------------------
-
-
-def _demonstrate(options: argparse.Namespace) -> int:
-    from frankapy import FrankaArm
-
-    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
-        print("Lead the arm; Ctrl-C ends it.", file=sys.stderr)
-        demonstration = fa.demonstrate(options.seconds)
-    demonstration.save(options.file)
-    print(f"{options.file}: {demonstration!r}")
-    return 0
-
-
-def _learn(options: argparse.Namespace) -> int:
-    from frankapy import dmp
-    from frankapy.demonstration import Demonstration
-
-    demonstrations = [Demonstration.load(file).trimmed() for file in options.files]
-    if options.smooth > 0:
-        demonstrations = [demonstration.smooth(options.smooth) for demonstration in demonstrations]
-    primitive = dmp.fit(demonstrations, options.kind, basis=options.basis)
-    primitive.save(options.output)
-    print(f"{options.output}: {primitive!r}")
-    if options.plot:
-        primitive.plot(demonstrations).savefig(options.plot, dpi=120)
-    return 0
-
-
-def _imitate(options: argparse.Namespace) -> int:
-    from frankapy import FrankaArm, RigidTransform
-    from frankapy.dmp import Primitive
-
-    primitive = Primitive.load(options.file)
-    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
-        for _ in range(options.loops):
-            if primitive.kind == "joint":
-                fa.goto_joints(primitive.start, ignore_virtual_walls=True)
-            else:
-                pose = fa.get_pose(include_tool_offset=False)
-                if primitive.start_orientation is not None:
-                    pose.rotation = RigidTransform.rotation_from_quaternion(primitive.start_orientation)
-                pose.translation = primitive.start
-                fa.run(parts.MinJerkPose(pose, 4), parts.InternalImpedance())
-            for line in primitive.beyond(fa, options.duration):
-                print(f"slower, or not at all: {line}", file=sys.stderr)
-            fa.run(primitive.part(options.duration), parts.InternalImpedance(), skill_desc=f"imitation of {options.file.name}")
     return 0
 
 
@@ -359,7 +263,7 @@ def _walls(options: argparse.Namespace) -> int:
             turned = f", turned {turn} degrees" if np.any(angles) else ""
             kinds = ", held" * wall.held + ", fixed" * wall.fixed + ", kept" * wall.keep
             rows.append((name, f"{shape} {lengths} at {place} m{turned}{kinds}"))
-        _print_rows("walls" if rows else "no walls", rows)
+        print_rows("walls" if rows else "no walls", rows)
     return 0
 
 
@@ -377,110 +281,6 @@ def _new(options: argparse.Namespace) -> int:
     print("    cmake --build build\n    ctest --test-dir build")
     print("README.md there says how to load and to run it.")
     return 0
-
-
-# --- status ----------------------------------------------------------------------------------------------------------
-
-
-def _status(options: argparse.Namespace) -> int:
-    host, port = server_address(options.server)
-    arms = list_arms(options.server)
-    print(f"franka-interface at {host}:{port}: {len(arms)} arm{'s' * (len(arms) != 1)}")
-    good = True
-    deficiencies: list[str] = []
-    for number, arm in enumerate(arms, 1):
-        print()
-        if not arm.endpoint:
-            good = False
-            _print_rows(
-                f"{number}  {arm.name}", [("robot", arm.address), ("not ready", arm.status or "no reason given")]
-            )
-            continue
-        connection = Connection(options.server, number)
-        try:
-            state = connection.ask(proto.Request(get_state=proto.GetState())).state
-            server_status = connection.ask(proto.Request(get_server_status=proto.GetServerStatus())).server_status
-            topics = connection.ask(proto.Request(list_topics=proto.ListTopics())).topics
-        finally:
-            connection.close()
-        good = good and state.phase not in (proto.ERROR, proto.CONNECTING)
-        rows = _rows(connection.welcome, state) + _server_rows(server_status, state) + _topic_rows(topics)
-        _print_rows(f"{number}  {arm.name}", rows)
-        deficiencies += [text for text in connection.welcome.deficiencies if text not in deficiencies]
-    if deficiencies:
-        print()
-        _print_rows("The server's computer could be better", [("", text) for text in deficiencies])
-    return 0 if good else 1
-
-
-def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]]:
-    robot = state.robot
-    rows = [
-        (
-            "robot",
-            f"{_TITLES.get(welcome.model, welcome.model)} at {welcome.address}, protocol {welcome.protocol_version}",
-        )
-    ]
-    mode = proto.RobotMode.Name(robot.robot_mode).lower().replace("_", " ")
-    rows.append(("mode", f"{mode}; the server is {_PHASES.get(state.phase, str(state.phase))}"))
-    if state.skill_id:
-        rows.append(("skill", f"{state.skill_description or 'without a name'}, since {state.skill_time:.1f} s"))
-    rows.append(("joints", "  ".join(f"{q:7.3f}" for q in np.round(robot.q, 3) + 0.0) + "  rad"))
-    limits = welcome.limits
-    if len(limits.q_min) == 7:
-        share = (np.array(robot.q) - limits.q_min) / (np.array(limits.q_max) - np.array(limits.q_min))
-        rows.append(("of range", "  ".join(f"{100 * s:5.0f} %" for s in share)))
-    pose = franka_pose_to_rigid_transform(robot.O_T_EE)
-    x, y, z = pose.translation.round(4) + 0.0  # + 0.0: no "-0"
-    roll, pitch, yaw = np.degrees(pose.euler_angles).round(1) + 0.0
-    rows.append(
-        ("tool", f"x {x:.4f}  y {y:.4f}  z {z:.4f} m   roll {roll:.1f}  pitch {pitch:.1f}  yaw {yaw:.1f} degrees")
-    )
-    force = np.array(robot.O_F_ext_hat_K)
-    rows.append(
-        ("forces", f"{np.linalg.norm(force[:3]):.1f} N, {np.linalg.norm(force[3:]):.1f} Nm on the tool, as estimated")
-    )
-    if state.HasField("gripper"):
-        held = ", holds something" if state.gripper.is_grasped else ""
-        rows.append(("hand", f"{1000 * state.gripper.width:.1f} mm open{held}"))
-    else:
-        rows.append(("hand", "none"))
-    if robot.robot_mode == proto.MOVE:
-        rows.append(
-            ("packets", f"{100 * robot.control_command_success_rate:.0f} % of the last 100 commands arrived in time")
-        )
-    if not_taken := [f"{getattr(state.not_taken, field)} {what}" for field, what in _NOT_TAKEN.items() if getattr(state.not_taken, field)]:
-        rows.append(("not taken", ", ".join(not_taken) + "; since the robot was connected"))
-    errors = list(robot.errors) or list(robot.reflex_reason)
-    rows.append(("errors", ", ".join(errors) or "none"))
-    return rows
-
-
-def _server_rows(status: proto.ServerStatus, state: proto.ArmState) -> list[tuple[str, str]]:
-    late = f"{status.late_cycles} late of {status.motion_cycles} in motions"
-    cycles = f"{late}; {state.lost_states} states of the robot did not arrive"
-    return [("commanded by", status.commander or "nobody"), ("cycles", cycles)]
-
-
-def _topic_rows(topics: proto.Topics) -> list[tuple[str, str]]:
-    rows = []
-    for topic in topics.topics:
-        rate = f"{1 / topic.period:.1f} Hz, " if topic.period else ""
-        counts = [f"{getattr(topic, field)} {what}" for field, what in _TOPIC_COUNTS.items() if getattr(topic, field)]
-        listens = f"; skill {', '.join(map(str, topic.skills))} listens" if topic.skills else "; no skill listens"
-        rows.append(("topic", f"{topic.topic}: {topic.message}, {rate}{topic.age:.1f} s old; {', '.join(counts)}{listens}"))
-        if topic.why_refused:
-            rows.append(("", f"refused last: {topic.why_refused}"))
-    if topics.garbage:
-        rows.append(("topic", f"{topics.garbage} messages that could not be read"))
-    return rows
-
-
-def _print_rows(title: str, rows: Sequence[tuple[str, str]]) -> None:
-    print(_bold(title))
-    for name, value in rows:
-        first = f"   {name:16}" if name else "   " + " " * 16 * any(name for name, _ in rows)
-        print(textwrap.fill(value, 112, initial_indent=first, subsequent_indent=" " * len(first)))
 
 
 # --- sim -------------------------------------------------------------------------------------------------------------
@@ -506,7 +306,7 @@ def _sim(options: argparse.Namespace) -> int:
     with Simulation(arms, listen=options.listen, port=options.port, load=options.load,
                     record=options.record, recordings=options.recordings, log=log) as simulation:
         for i, address in enumerate(simulation.addresses):
-            print(f"arm {i + 1}: simulated {_TITLES[robots[i % len(robots)]]} at {address}")
+            print(f"arm {i + 1}: simulated {TITLES[robots[i % len(robots)]]} at {address}")
         server = simulation.server
         print(f"server: {server}")
         print()
@@ -551,7 +351,7 @@ def _tell(findings: Iterable[Finding]) -> int:
     for finding in findings:
         counts[finding.level] += 1
         mark, color = marks[finding.level]
-        print(f"{_colored(mark, color)}  {finding.what:18}{finding.found}", flush=True)
+        print(f"{colored(mark, color)}  {finding.what:18}{finding.found}", flush=True)
         if finding.advice:
             print(textwrap.indent(_filled(finding.advice), " " * 8))
     print()
@@ -567,14 +367,6 @@ def _tell(findings: Iterable[Finding]) -> int:
 def _filled(text: str) -> str:
     # A command is to be pasted: it stays on one line.
     return text if "sudo groupadd" in text else textwrap.fill(text, 104, break_long_words=False, break_on_hyphens=False)
-
-
-def _bold(text: str) -> str:
-    return _colored(text, "1")
-
-
-def _colored(text: str, code: str) -> str:
-    return f"\033[{code}m{text}\033[0m" if sys.stdout.isatty() else text
 
 
 if __name__ == "__main__":

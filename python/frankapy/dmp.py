@@ -140,12 +140,14 @@ class Primitive:
         r = _spring(force, T, self.quat_alpha**2 / 4 / T**2, self.quat_alpha / T, 1 / T**2, _log(_between(begin, end)))
         return _product(_exp(r), end)
 
-    def beyond(self, fa: FrankaArm, duration: float | None = None, start: Any = None, goal: Any = None) -> list[str]:
+    def beyond(
+        self, fa: FrankaArm, duration: float | None = None, start: Any = None, goal: Any = None, sensor_values: Any = None
+    ) -> list[str]:
         """Return what of its rollout the connected arm cannot do as it is, a line each; where it is too fast it gets slower.
 
         The tool's motions are followed by the joints from where the arm is, at its orientation where they have none.
         """
-        t, y = self.rollout(duration, start, goal)
+        t, y = self.rollout(duration, start, goal, sensor_values)
         limits = fa.limits
         if self.kind != "joint":
             rows = np.linspace(0, len(y) - 1, _WAYPOINTS).round().astype(int)
@@ -170,24 +172,48 @@ class Primitive:
                 lines.append(f"joint {i + 1} reaches {fastest:.2f} rad/s: its limit is {limits.dq_max[i]:.2f}")
         return lines
 
-    def plot(self, demonstrations: Demonstration | Sequence[Demonstration] = (), goal: Any = None) -> Figure:
-        """Draw its rollout over what it was learned from. Needs matplotlib."""
+    def plot(
+        self,
+        demonstrations: Demonstration | Sequence[Demonstration] = (),
+        goal: Any = None,
+        duration: float | None = None,
+        sensor_values: Any = None,
+        limits: proto.JointLimits | None = None,
+    ) -> Figure:
+        """Draw what `part` of the same arguments commands over what it was learned from. Needs matplotlib.
+
+        With `limits` (`fa.limits`) the range of joints that come near to it is dashed. Orientations are drawn as rotation vectors
+        from where it ends.
+        """
         from matplotlib.figure import Figure
 
-        count = len(self.start)
-        figure = Figure(figsize=(8, 1.6 * count + 1), layout="constrained")
-        axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
-        t, y = self.rollout(goal=goal)
+        t, y = self.rollout(duration, goal=goal, sensor_values=sensor_values)
         names = [f"joint {i + 1} [rad]" for i in range(7)] if self.kind == "joint" else [f"{axis} [m]" for axis in "xyz"]
+        if self.kind == "pose":
+            y = np.hstack([y, self._turns(self.orientations(duration))])
+            names += [f"about {axis} [rad]" for axis in "xyz"]
+        figure = Figure(figsize=(8, 1.6 * len(names) + 1), layout="constrained")
+        axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for demonstration in _listed(demonstrations):
+            shown = _values(demonstration, self.kind)
+            if self.kind == "pose":
+                shown = np.hstack([shown, self._turns(np.asarray(demonstration.orientations))])
             for i, axis in enumerate(axes):
-                axis.plot(demonstration.times * self.duration / demonstration.duration, _values(demonstration, self.kind)[:, i], "0.6", lw=3)
+                axis.plot(demonstration.times * t[-1] / demonstration.duration, shown[:, i], "0.6", lw=3)
         for i, axis in enumerate(axes):
             axis.plot(t, y[:, i], "C0")
             axis.set_ylabel(names[i])
-        axes[0].set_title(f"{self!r}; grey: demonstrated")
+            if limits is not None and self.kind == "joint":
+                axis.autoscale(False)
+                for end in (limits.q_min[i], limits.q_max[i]):
+                    axis.axhline(end, color="C3", linestyle="--")
+        axes[0].set_title(f"{self!r}; grey: demonstrated", fontsize="small")
         axes[-1].set_xlabel("time [s]")
         return figure
+
+    def _turns(self, orientations: np.ndarray) -> np.ndarray:
+        """Rotation vectors (n, 3) of orientations from the goal."""
+        return _unwrapped(_log(_between(orientations, np.asarray(self.goal_orientation))))
 
     def save(self, path: str | Path) -> None:
         """Write it as a NumPy archive (.npz), or as what old scripts read (.pkl): their dictionary, of a pose two of them."""

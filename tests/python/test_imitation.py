@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import HOME
 
-from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp
+from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp, proto
 from frankapy.demonstration import Demonstration
 from frankapy.parts import InternalImpedance
 
@@ -203,8 +203,15 @@ def test_primitives_are_written_and_read_and_old_scripts_find_their_dictionaries
 
 
 def test_what_it_generates_is_drawn_over_what_was_shown():
-    figure = dmp.fit(bow(), "joint").plot(bow())
-    assert len(figure.axes) == 7 and all(len(axes.lines) == 2 for axes in figure.axes)
+    figure = dmp.fit(bow(), "joint").plot(bow(), goal=HOME, duration=2, limits=proto.JointLimits(q_min=HOME - 1, q_max=HOME + 1))
+    assert len(figure.axes) == 7 and all(len(axes.lines) == 4 for axes in figure.axes)
+    drawn = figure.axes[0].lines[1].get_xydata()
+    np.testing.assert_allclose(drawn[-1], [2, HOME[0]], atol=1e-6)
+    figure = dmp.fit(turn(2), "pose").plot(turn(2))
+    assert len(figure.axes) == 6
+    for axes in figure.axes:
+        shown, made = (line.get_xydata() for line in axes.lines)
+        np.testing.assert_allclose(np.interp(shown[:, 0], *made.T), shown[:, 1], atol=0.02)
 
 
 # --- on the arm ------------------------------------------------------------------------------------------------------
@@ -291,19 +298,37 @@ def test_what_the_arm_cannot_do_is_said_before(fa):
     assert "not reachable" in away.beyond(fa, goal=[1.2, 0, 0.5])[0]
 
 
-def test_from_the_command_line(ideal_arm, fa, tmp_path, capsys):
-    shown, learned, picture = tmp_path / "shown.npz", tmp_path / "learned.npz", tmp_path / "learned.png"
-    with hand_with_the_motion(ideal_arm, fa, [[0, 0, 0], [0, 0.1, 0], [0, 0.1, 0.05]], [1.5, 3, 4.5]):
-        fa.close()
-        assert cli.main(["demonstrate", str(shown), "--seconds", "6", "--server", ideal_arm.server]) == 0
-    assert cli.main(["learn", str(shown), "--kind", "joint", "--output", str(learned), "--plot", str(picture)]) == 0
+def test_from_the_command_line(default_arm, tmp_path, capsys, caplog):
+    shown, part, learned, picture = (tmp_path / name for name in ("shown.npz", "part-1.npz", "learned.npz", "learned.png"))
+    arm = ["--server", default_arm.server]
+    with default_arm.client() as fa:
+        fa.goto_joints(HOME, 2)
+        with hand_with_the_motion(default_arm, fa, [[0, 0, 0], [0, 0.1, 0], [0, 0.1, 0.05]], [1.5, 3, 4.5]):
+            fa.close()
+            assert cli.main(["demonstrate", str(shown), "--seconds", "6", "--yield", "y", "z", *arm]) == 0
+    demonstration = Demonstration.load(shown)
+    moved = np.ptp(demonstration.positions, axis=0)
+    assert moved[0] < 0.02 and moved[1] > 0.08 and moved[2] > 0.03
+    assert demonstration.duration < 7 and not caplog.text  # an arm that is led is neither too slow nor in the wrong place
+    assert cli.main(["segment", str(shown), "--rest", "2", "--output", str(tmp_path / "part.npz")]) == 0
+    assert Demonstration.load(part).duration < Demonstration.load(shown).duration - 0.5 and not (tmp_path / "part-2.npz").exists()
+    assert cli.main(["learn", str(part), "--smooth", "0", "--output", str(learned), "--plot", str(picture)]) == 0
     assert picture.stat().st_size > 10_000
-    with FrankaArm(server=ideal_arm.server) as again:
-        again.goto_joints(HOME, 2)
-    assert cli.main(["imitate", str(learned), "--duration", "3", "--server", ideal_arm.server]) == 0
-    out = capsys.readouterr().out
-    assert "Primitive of joint" in out and "from what it learned" in out
     primitive = dmp.Primitive.load(learned)
-    with FrankaArm(server=ideal_arm.server) as again:
+    with FrankaArm(server=default_arm.server) as again:
+        again.goto_joints(HOME, 2)
+    asked = ["--duration", "0.1", "--plot", str(tmp_path / "next.png"), "--over", str(part), "--check"]
+    assert cli.main(["imitate", str(learned), *asked, *arm]) == 0
+    assert (tmp_path / "next.png").stat().st_size > 10_000 and "rad/s: its limit is" in capsys.readouterr().err
+    with FrankaArm(server=default_arm.server) as again:
+        np.testing.assert_allclose(again.get_joints(), HOME, atol=0.005)  # it was only asked
+    assert cli.main(["imitate", str(learned), "--duration", "3", *arm]) == 0
+    with FrankaArm(server=default_arm.server) as again:
         np.testing.assert_allclose(again.get_joints(), primitive.goal, atol=0.01)
+    goal = primitive.goal + [0.05, 0, 0, 0, 0, 0, 0.1]
+    assert cli.main(["imitate", str(learned), "--goal", *map(str, goal), *arm]) == 0
+    with FrankaArm(server=default_arm.server) as again:
+        np.testing.assert_allclose(again.get_joints(), goal, atol=0.01)
     assert cli.main(["learn", str(tmp_path / "no.npz"), "--output", str(learned)]) == 1
+    assert cli.main(["imitate", str(learned), "--goal", "1", "2", *arm]) == 1
+    assert "goal has 2 elements: expected 7" in capsys.readouterr().err

@@ -1,0 +1,141 @@
+"""The commands from a hand to a motion: frankapy demonstrate, segment, learn, imitate (docs/imitation.md)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from frankapy import parts
+from frankapy.exceptions import FrankaArmArgumentError
+
+_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
+_STIFF = (600, 600, 600, 50, 50, 50)  # N/m and Nm/rad along and about those that do not yield
+Add = Callable[[str, object, str], argparse.ArgumentParser]
+
+
+def add_commands(add: Add, add_arm: Callable[[argparse.ArgumentParser], None]) -> None:
+    """Add them to the command line."""
+    demonstrate = add("demonstrate", _demonstrate, "let somebody lead an arm by hand, until Ctrl-C, and write down what they do")
+    demonstrate.add_argument("file", type=Path, help="FILE.npz")
+    add_arm(demonstrate)
+    demonstrate.add_argument("--seconds", type=float, default=600, help="and no longer than this (default 600)")
+    demonstrate.add_argument(
+        "--yield", dest="yields", nargs="+", choices=_AXES, help="along and about these axes only (default: freely)"
+    )
+    demonstrate.add_argument("--frame", choices=["base", "tool"], default="base", help="whose axes these are (default base)")
+
+    segment = add("segment", _segment, "part a demonstration where the arm rests in it, and smooth the parts")
+    segment.add_argument("file", type=Path, help="a demonstration (.npz, .mcap, or .pkl of old scripts)")
+    segment.add_argument("--rest", type=float, default=0.5, help="s without a motion that part it (default 0.5)")
+    _add_smooth(segment)
+    segment.add_argument("--output", "-o", type=Path, help="NAME.npz, of which NAME-1.npz and so on are made (default: FILE)")
+
+    learn = add("learn", _learn, "learn a movement primitive from demonstrations")
+    learn.add_argument("files", type=Path, nargs="+", help="of one motion (.npz, .mcap, or .pkl of old scripts)")
+    learn.add_argument("--output", "-o", type=Path, required=True, help="FILE.npz, or FILE.pkl for old scripts")
+    learn.add_argument("--kind", default="joint", choices=["joint", "position", "pose"], help="of joints (default), or of the tool")
+    learn.add_argument("--basis", type=int, default=25, help="functions (default 25)")
+    learn.add_argument(
+        "--method", default="ridge", choices=["ridge", "local"], help="ridge regression (default), or locally weighted"
+    )
+    learn.add_argument("--ridge", type=float, default=1e-8, help="against large weights (default 1e-8)")
+    _add_smooth(learn)
+    learn.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what was learned over what was shown")
+
+    imitate = add("imitate", _imitate, "let an arm do what it has learned, from where it began")
+    imitate.add_argument("file", type=Path, help="what `frankapy learn` wrote")
+    add_arm(imitate)
+    imitate.add_argument("--duration", type=float, help="s (default: as it was shown)")
+    imitate.add_argument("--goal", type=float, nargs="+", help="where to end: rad of 7 joints, or m (default: as it was shown)")
+    imitate.add_argument("--sensors", type=float, nargs="+", help="weights of its sensors (default 1)")
+    imitate.add_argument("--loops", type=int, default=1, help="how often (default 1)")
+    imitate.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what it will do, before it does")
+    imitate.add_argument("--over", type=Path, nargs="+", default=[], metavar="FILE", help="over these demonstrations")
+    imitate.add_argument("--check", action="store_true", help="say what of it the arm cannot do, and leave the arm where it is")
+
+
+def _add_smooth(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--smooth", type=float, default=0.05, help="s, of what is taken for tremor (default 0.05; 0: nothing)")
+
+
+def _demonstrate(options: argparse.Namespace) -> int:
+    from frankapy import FrankaArm
+
+    guidance: dict[str, Any] = {}
+    if options.yields:
+        stiffness = [0 if axis in options.yields else stiff for axis, stiff in zip(_AXES, _STIFF, strict=True)]
+        guidance = dict(use_impedance=True, use_ee_frame=options.frame == "tool", cartesian_impedances=stiffness)
+    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        print("Lead the arm; Ctrl-C ends it.", file=sys.stderr)
+        demonstration = fa.demonstrate(options.seconds, **guidance)
+    demonstration.save(options.file)
+    print(f"{options.file}: {demonstration!r}")
+    return 0
+
+
+def _segment(options: argparse.Namespace) -> int:
+    from frankapy.demonstration import Demonstration
+
+    name = options.output or options.file
+    segments = Demonstration.load(options.file).segments(options.rest)
+    if not segments:
+        raise FrankaArmArgumentError(f"{options.file}: nothing moves in it")
+    for number, segment in enumerate(segments, 1):
+        file = name.with_name(f"{name.stem}-{number}.npz")
+        smooth = segment.smooth(options.smooth) if options.smooth > 0 else segment
+        smooth.save(file)
+        print(f"{file}: {smooth!r}")
+    return 0
+
+
+def _learn(options: argparse.Namespace) -> int:
+    from frankapy import dmp
+    from frankapy.demonstration import Demonstration
+
+    demonstrations = [Demonstration.load(file).trimmed() for file in options.files]
+    if options.smooth > 0:
+        demonstrations = [demonstration.smooth(options.smooth) for demonstration in demonstrations]
+    primitive = dmp.fit(demonstrations, options.kind, basis=options.basis, method=options.method, ridge=options.ridge)
+    primitive.save(options.output)
+    print(f"{options.output}: {primitive!r}")
+    if options.plot:
+        primitive.plot(demonstrations).savefig(options.plot, dpi=120)
+    return 0
+
+
+def _imitate(options: argparse.Namespace) -> int:
+    from frankapy import FrankaArm, RigidTransform
+    from frankapy.demonstration import Demonstration
+    from frankapy.dmp import Primitive
+
+    primitive = Primitive.load(options.file)
+    changed = dict(duration=options.duration, goal=options.goal, sensor_values=options.sensors)
+    trajectory = primitive.part(**changed)
+    with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        if options.plot:
+            shown = [Demonstration.load(file).trimmed() for file in options.over]
+            primitive.plot(shown, limits=fa.limits, **changed).savefig(options.plot, dpi=120)
+            print(options.plot)
+        for loop in range(0 if options.check else options.loops):
+            if primitive.kind == "joint":
+                fa.goto_joints(primitive.start, ignore_virtual_walls=True)
+            else:
+                pose = fa.get_pose(include_tool_offset=False)
+                if primitive.start_orientation is not None:
+                    pose.rotation = RigidTransform.rotation_from_quaternion(primitive.start_orientation)
+                pose.translation = primitive.start
+                fa.run(parts.MinJerkPose(pose, 4), parts.InternalImpedance())
+            if loop == 0:
+                _tell(primitive.beyond(fa, **changed))
+            fa.run(trajectory, parts.InternalImpedance(), skill_desc=f"imitation of {options.file.name}")
+        if options.check:
+            _tell(primitive.beyond(fa, **changed) or ["nothing"])
+    return 0
+
+
+def _tell(lines: list[str]) -> None:
+    for line in lines:
+        print(f"slower, or not at all: {line}", file=sys.stderr)
