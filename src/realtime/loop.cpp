@@ -322,6 +322,7 @@ void Loop::generate_reference() noexcept {
   int steps = robot_->pass(static_cast<int>(ticks_), gate_.limiter(), reference_);
   coasted_ |= robot_->has_reference() && ticks_ > 1;
   const Vector7 q_d = vector(state_.q_d);
+  gate_.prefer(phase_ == Phase::kRunning ? skill_->controller->posture() : std::nullopt);
   gate_.observe(reference_, robot_->makes_joints() ? &q_d : nullptr);
   if (phase_ == Phase::kRunning && !waits_for_start()) {
     skill_time_ += cycle_.dt;

@@ -50,6 +50,10 @@ void MotionGate::observe(const Reference& reference, const Vector7* q_d) noexcep
   } else {
     pose_joints_.place(joints_.q);
     pose_joints_.step(reference.cartesian, kTick);
+    if (pose_joints_.prefers() && !elbow_is_clear(pose_joints_.joints().q)) {
+      pose_joints_.place(joints_.q);
+      pose_joints_.step(reference.cartesian, 0);
+    }
     joints_ = pose_joints_.joints();
   }
   if (reference.motion == Channels::kPose) {
@@ -122,6 +126,15 @@ HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference)
   }
   const bool pose_too_fast = wanted.motion == Channels::kPose && wanted.cartesian.velocity.head<3>().norm() > fastest;
   return held | when(limited, HeldBy::kMotionLimits) | when(slowed_ || (limited && pose_too_fast), HeldBy::kToolSpeed);
+}
+
+// A little farther than where motions end, so that the elbow leaves them room.
+bool MotionGate::elbow_is_clear(const Vector7& q) noexcept {
+  const ArmCapsules* const arm = walls_.arm();
+  if (arm == nullptr) return true;
+  const std::span<const Vector7> there(&q, 1);
+  return self_.clear(*arm, joints_.q, there) &&
+         (!walls_.active() || walls_.clear(joints_.q, there, WallGuard::kClearance + 2 * WallGuard::kTurnAround));
 }
 
 // Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does

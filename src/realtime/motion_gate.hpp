@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 
 #include "models/arm.hpp"
@@ -34,6 +35,9 @@ class MotionGate {
   void reset(const Reference& from) noexcept;
   void place(const Vector7& q) noexcept { joints_.q = q; }
 
+  // The posture that joints which follow a pose here are led near, rad, as far as they meet neither a wall nor the arm itself.
+  void prefer(const std::optional<Vector7>& posture) noexcept { pose_joints_.prefer(posture); }
+
   // Once in each cycle, before its steps: where the joints of the reference are. `q_d`: those that the robot makes of a pose, or
   // null where they are to follow it here.
   void observe(const Reference& reference, const Vector7* q_d) noexcept;
@@ -61,6 +65,7 @@ class MotionGate {
   double tool_speed() const noexcept;
   double power(const Reference& reference) const noexcept;
   void share_tool_speed(const Reference& wanted) noexcept;
+  bool elbow_is_clear(const Vector7& q) noexcept;
   void look_to_rest(const Reference& reference) noexcept;
   std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
   Reference past_walls(const Reference& wanted) const noexcept;

@@ -13,6 +13,10 @@ constexpr double kNearEnd = 0.7;
 constexpr double kElbowSpeed = 0.2;  // rad/s
 constexpr double kElbowGain = 2;     // rad/s
 
+// To a posture, of joint 3: slower, so that the end of a joint's range comes first.
+constexpr double kPostureSpeed = 0.1;  // rad/s
+constexpr double kPostureGain = 1;     // 1/s, of the way that is left
+
 }  // namespace
 
 void PoseJoints::step(const CartesianReference& pose, double dt) noexcept {
@@ -22,14 +26,21 @@ void PoseJoints::step(const CartesianReference& pose, double dt) noexcept {
 }
 
 double PoseJoints::elbow_speed() const noexcept {
+  const Vector7& n = joints_.null_motion;
+  double to_posture = 0, room = 1;
+  if (posture_) {
+    const double way = n.dot(*posture_ - joints_.q) / n.squaredNorm();
+    to_posture = std::clamp(kPostureGain * way, -kPostureSpeed, kPostureSpeed);
+  }
   double push = 0;
   for (int i = 0; i < models::kJoints; ++i) {
     const double half = (limits_.q_max[i] - limits_.q_min[i]) / 2;
     const double x = (joints_.q[i] - limits_.q_min[i]) / half - 1;
     const double near = std::clamp((std::abs(x) - kNearEnd) / (1 - kNearEnd), 0., 1.);
-    push -= std::copysign(near * near, x) * joints_.null_motion[i] / half;
+    push -= std::copysign(near * near, x) * n[i] / half;
+    if (to_posture * n[i] * x > 0) room = std::min(room, 1 - near);
   }
-  return std::clamp(kElbowGain * push, -kElbowSpeed, kElbowSpeed);
+  return std::clamp(kElbowGain * push + room * to_posture, -kElbowSpeed, kElbowSpeed);
 }
 
 }  // namespace realtime

@@ -199,6 +199,7 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   const Channels filled = skill->trajectory->fills(), motion = motion_of(filled);
   skill->numbers = {number_of(trajectory), number_of(kind_of(message.controller())), {}};
   skill->mode = choose(message, *skill->controller, *skill->trajectory, arm);
+  check_posture(*skill, kind_of(message.controller()));
   for (const auto& any : message.terminations()) {
     auto termination = make_termination(any, arm);
     if (!has(filled, termination->judges())) {
@@ -226,9 +227,24 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   if (motion == Channels::kJoint) {
     check_joint_path(skill->trajectory, trajectory, cycle, start);
   } else {
-    check_cartesian_path(skill->trajectory, trajectory, cycle, start, arm.q, skill->mode.cartesian());
+    check_cartesian_path(skill->trajectory, trajectory, cycle, start, {arm.q, skill->mode.cartesian(), skill->controller->posture()});
   }
   return skill;
+}
+
+void SkillBuilder::check_posture(const realtime::Skill& skill, const std::string& kind) const {
+  const auto posture = skill.controller->posture();
+  if (!posture) return;
+  if (skill.mode.cartesian()) {
+    refuse(fmt::format("{}: posture is given, and with the robot controller {} the robot makes the joints of a pose: use TORQUE", kind,
+                       proto::RobotController_Name(name_of(skill.mode))));
+  }
+  for (int i = 0; i < models::kJoints; ++i) {
+    const double q = (*posture)[i];
+    if (q >= limits_.q_min[i] && q <= limits_.q_max[i]) continue;
+    refuse(fmt::format("{}: posture[{}] is {} rad: expected {} to {} rad, the limits of this arm", kind, i, q, limits_.q_min[i],
+                       limits_.q_max[i]));
+  }
 }
 
 // Where the skill before ends; else as measured.
@@ -298,7 +314,7 @@ void SkillBuilder::check_bodies(std::span<const Vector7> way, const std::string&
 }
 
 void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& trajectory, const std::string& kind,
-                                        const realtime::Cycle& cycle, const Reference& from, const Vector7& q, bool robots) {
+                                        const realtime::Cycle& cycle, const Reference& from, const Elbow& elbow) {
   const double duration = trajectory->duration();
   const auto check = [&](int sample, const Eigen::Isometry3d& pose, const Vector7& from) {
     const Reach result = reach(*model_, limits_, pose, from);
@@ -311,8 +327,8 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
   };
   Reference reference;
   // The goal first: it is what people ask for, and what to name when it is the goal that is wrong.
-  check(kPathSamples, pose_of(trajectory->goal()), q);
-  Vector7 reached = q;
+  check(kPathSamples, pose_of(trajectory->goal()), elbow.q);
+  Vector7 reached = elbow.q;
   realtime::CartesianReference before = from.cartesian;
   double length = 0;
   const auto pass = [&](const Reference& here) {
@@ -330,10 +346,10 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
   // Every pose of it is reached by some joints; now those with which the arm goes from one to the next. The elbow gives way in the
   // time that it has, so that a way which gets another pace is gone along once more.
   const int samples = samples_of(duration, length);
-  SampledWay way = way_of_poses(*trajectory, samples, kind, cycle, q, nullptr, robots);
+  SampledWay way = way_of_poses(*trajectory, samples, kind, cycle, elbow, nullptr);
   auto pace = pace_along(way, limits_, kPoseShare);
   if (pace) {
-    way = way_of_poses(*trajectory, samples, kind, cycle, q, &*pace, robots);
+    way = way_of_poses(*trajectory, samples, kind, cycle, elbow, &*pace);
     pace = pace_along(way, limits_, kPoseShare);
   }
   slow_down(trajectory, std::move(pace), from);
@@ -341,10 +357,11 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
 }
 
 SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, int samples, const std::string& kind,
-                                      const realtime::Cycle& cycle, const Vector7& q, const realtime::Pace* pace, bool robots) {
+                                      const realtime::Cycle& cycle, const Elbow& elbow, const realtime::Pace* pace) {
   SampledWay way{trajectory.duration(), {}, {}};
   realtime::PoseJoints joints(*model_, limits_);
-  joints.place(q);
+  joints.place(elbow.q);
+  joints.prefer(elbow.posture);
   Reference reference;
   for (int sample = 0; sample <= samples; ++sample) {
     trajectory.step(cycle, way.duration * sample / samples, reference);
@@ -352,11 +369,11 @@ SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, int sampl
     const std::size_t k = static_cast<std::size_t>(sample);
     const double time = sample == 0 ? 0 : pace ? pace->places[k].time - pace->places[k - 1].time : way.duration / samples;
     const int steps = sample == 0 ? kFirstSteps : kSteps;
-    for (int step = 0; step < steps; ++step) joints.step(reference.cartesian, robots ? 0 : time / steps);  // a robot's elbow stays
+    for (int step = 0; step < steps; ++step) joints.step(reference.cartesian, elbow.robots ? 0 : time / steps);  // a robot's elbow stays
     const realtime::JointsOfPose here = model_->joints_of_pose(joints.joints().q);
     check_joints_of_pose(here, reference, kind, 100. * sample / samples);
     way.q.push_back(here.q);
-    way.rate.push_back(rate_with_room(reference, here, robots));
+    way.rate.push_back(rate_with_room(reference, here, elbow.robots));
     if (way.rate.back() > 0) continue;
     refuse(fmt::format("{}: {:.0f} % on, its path leads too near to a singular posture of the arm or to the end of a joint's range "
                        "to come to rest before it, [{:.4f}] rad; {}",

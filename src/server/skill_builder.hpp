@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -39,23 +40,31 @@ class SkillBuilder {
   const models::Limits& limits_of_loop() const { return limits_of_loop_; }
 
  private:
+  // How joints are made of poses: from these at their start (rad), by the robot, or by us and led near a posture.
+  struct Elbow {
+    realtime::Vector7 q;
+    bool robots;
+    std::optional<realtime::Vector7> posture;
+  };
+
   realtime::Vector7 joints_at_start(const realtime::Record& now, const realtime::Reference* after);
   realtime::Reference start_of(realtime::Channels motion, const realtime::Record& now, const realtime::Reference* after,
                                const realtime::Vector7& q);
   // Checks the way of a trajectory that has started at `from`, as it looks in that cycle; where limits of the arm ask for it, it
-  // then gets a slower pace, and has started again. `q`: joints at its start, rad; `robots`: the robot makes those of the poses.
+  // then gets a slower pace, and has started again. `elbow`: who makes joints of the poses.
   void check_joint_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,
                         const realtime::Cycle& cycle, const realtime::Reference& from);
   void check_cartesian_path(std::unique_ptr<realtime::TrajectoryGenerator>& trajectory, const std::string& kind,
-                            const realtime::Cycle& cycle, const realtime::Reference& from, const realtime::Vector7& q, bool robots);
+                            const realtime::Cycle& cycle, const realtime::Reference& from, const Elbow& elbow);
 
-  // The joints with which the arm goes along such a path from q at so many places, checked, and how fast; in the time of `pace` if
-  // there is one.
+  // The joints with which the arm goes along such a path at so many places, checked, and how fast; in the time of `pace` if there
+  // is one.
   SampledWay way_of_poses(realtime::TrajectoryGenerator& trajectory, int samples, const std::string& kind,
-                          const realtime::Cycle& cycle, const realtime::Vector7& q, const realtime::Pace* pace, bool robots);
+                          const realtime::Cycle& cycle, const Elbow& elbow, const realtime::Pace* pace);
   // The greatest share of its velocity that leaves the joints room to come to rest; 0 if there is none.
   double rate_with_room(realtime::Reference pose, const realtime::JointsOfPose& joints, bool robots);
 
+  void check_posture(const realtime::Skill& skill, const std::string& kind) const;
   void check_joints_of_pose(const realtime::JointsOfPose& joints, const realtime::Reference& pose, const std::string& kind,
                             double percent) const;
 

@@ -7,10 +7,12 @@ import pytest
 from conftest import FASTEST, HOME
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, RigidTransform, proto
+from frankapy.parts import CartesianImpedance, MinJerkPose, StayPose, Time
 from frankapy.sim import SimulatedArm, Simulation
 
 TRUTH_FILE = True
 
+ELBOW = np.array([-1.55, 0, 1, 0, 0.7, 0, -0.84])  # how joints move at home while the tool stays
 LOWEST, HIGHEST = np.array([0.25, -0.45, 0.05]), np.array([0.65, 0.45, 0.75])  # m
 
 
@@ -91,6 +93,34 @@ def test_the_elbow_does_not_creep_over_a_sequence(fa, arm):
         elbows.append(fa.get_joints()[2])
     assert np.ptp(elbows) < 0.03, elbows
     assert np.abs(fa.get_joints() - HOME).max() < 0.05, fa.get_joints()
+
+
+def test_an_integral_takes_away_what_a_load_leaves(fa, arm):
+    home, goal = arm.simulation.truth().O_T_TCP[:3, 3], fa.get_pose(include_tool_offset=False)
+    arm.simulation.push([0, 0, -12, 0, 0, 0], duration=3600)
+    try:
+        left = []
+        for rate in (0, 3):
+            last = fa.run(MinJerkPose(goal, 1), CartesianImpedance(600, 50, integral_rate=rate), Time(after_trajectory=4)).last_state
+            rows = arm.truth()
+            end = rows[rows["cycle"] == arm.cycle(last.robot.message_id)][0]
+            left.append(np.abs(end["O_T_TCP"].reshape(4, 4)[3, :3] - home).max())
+    finally:
+        arm.simulation.push([0] * 6, duration=0)
+    assert left[0] > 0.012
+    assert left[1] < 0.002
+
+
+def test_a_posture_is_gone_near_while_the_tool_stays(fa, arm):
+    home, posture = arm.simulation.truth().O_T_TCP[:3, 3], HOME + 0.3 * ELBOW
+    first = arm.cycle()
+    fa.run(StayPose(10), CartesianImpedance(2000, 200, nullspace_stiffness=50, posture=posture))
+    rows = arm.truth(since=first)
+    assert np.linalg.norm(fa.get_joints() - posture) < 0.3 * np.linalg.norm(HOME - posture)
+    assert np.abs(rows["O_T_TCP"].reshape(-1, 4, 4)[:, 3, :3] - home).max() < 0.004
+    assert np.abs(rows["dq"]).max() < 0.3
+    with pytest.raises(FrankaArmArgumentError, match=r"posture\[3\] is 1 rad"):
+        fa.run(StayPose(1), CartesianImpedance(posture=np.ones(7)))
 
 
 def test_the_next_motion_goes_after_the_arm_has_run_into_the_floor(fa, arm, robot):

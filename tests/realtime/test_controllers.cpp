@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <cmath>
 #include <functional>
 #include <random>
@@ -14,6 +15,7 @@
 #include "realtime/controllers/joint_friction.hpp"
 #include "realtime/controllers/joint_impedance.hpp"
 #include "realtime/felt_inertia.hpp"
+#include "realtime/pose_joints.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/symmetric_eigen.hpp"
 #include "simulated_arm.hpp"
@@ -493,6 +495,173 @@ TEST_P(Controllers, an_axis_without_stiffness_is_free) {
   EXPECT_EQ(reference.cartesian.position.z(), home.cartesian.position.z());
 }
 
+// --- its integral ----------------------------------------------------------------------------------
+
+CartesianImpedance::Parameters integrating(double rate) {
+  CartesianImpedance::Parameters parameters = soft();
+  parameters.integral_rate = rate;
+  parameters.integral_limit << Vector3::Constant(20), Vector3::Constant(5);
+  return parameters;
+}
+
+Vector7 push_of(const SimulatedArm& arm, const Vector6& wrench) { return arm.model.jacobian().transpose() * wrench; }
+
+TEST_P(Controllers, an_integral_takes_away_what_a_load_leaves_of_the_way_as_far_as_its_limit) {
+  Vector6 load;
+  load << 3, -4, -12, 0.5, -0.6, 0.4;
+  for (const auto frame : {CartesianImpedance::Frame::kBase, CartesianImpedance::Frame::kEndEffector}) {
+    for (const double times : {1.0, 4.0}) {
+      SimulatedArm fresh(GetParam(), kMotors);
+      CartesianImpedance::Parameters parameters = integrating(3);
+      parameters.frame = frame;
+      CartesianImpedance law(parameters);
+      const Reference reference = pose_reference(fresh);
+      Reference moved = reference;
+      law.start(fresh.cycle, moved);
+      Vector7 tau;
+      for (int k = 0; k < 8000; ++k) {
+        law.step(fresh.cycle, reference, tau);
+        fresh.step(tau, push_of(fresh, times * load));
+      }
+      EXPECT_LT(fresh.dq.norm(), 1e-3);
+      if (times == 1) {
+        EXPECT_LT(distance_to(fresh, reference), 1e-4);
+        EXPECT_LT(angle_to(fresh, reference), 1e-3);
+      } else if (frame == CartesianImpedance::Frame::kBase) {
+        EXPECT_NEAR(reference.cartesian.position.z() - fresh.cycle.O_T_EE.translation().z(), (4 * 12 - 20) / 600., 1e-4);
+      }
+    }
+  }
+}
+
+TEST_P(Controllers, an_integral_is_stable_at_its_fastest_on_any_spring) {
+  using Stiffness = std::pair<double, double>;
+  for (const auto& [K, K_rotation] : {Stiffness(600, 50), Stiffness(60, 5), Stiffness(6, 0.5), Stiffness(2000, 2), Stiffness(10, 200)}) {
+    for (const double ratio : {0.3, 1.0}) {
+      SimulatedArm fresh(GetParam(), kMotors);
+      CartesianImpedance::Parameters parameters = integrating(10);
+      parameters.translational_stiffness.setConstant(K);
+      parameters.rotational_stiffness.setConstant(K_rotation);
+      parameters.damping_ratio = ratio;
+      CartesianImpedance law(parameters);
+      Reference reference = pose_reference(fresh);
+      law.start(fresh.cycle, reference);
+      reference.cartesian.position += Vector3(0.01, -0.01, 0.01);
+      run(fresh, law, reference, 40);
+      EXPECT_LT(fresh.dq.norm(), 2e-3) << K << ", " << K_rotation << ", " << ratio;
+      EXPECT_LT(distance_to(fresh, reference), 1e-3) << K << ", " << K_rotation << ", " << ratio;
+    }
+  }
+}
+
+TEST_P(Controllers, an_integral_does_not_grow_while_another_torque_leaves_than_is_asked_for) {
+  for (const bool limited : {false, true}) {
+    CartesianImpedance law(integrating(2));
+    Reference reference = pose_reference(arm);
+    law.start(arm.cycle, reference);
+    reference.cartesian.position.x() += 0.01;
+    Vector7 tau, first;
+    for (int k = 0; k <= 500; ++k) {
+      law.step(arm.cycle, reference, tau);
+      if (k == 0) first = tau;
+      arm.cycle.tau_J_d = limited ? Vector7(0.5 * tau) : tau;
+    }
+    const Vector7 expected = push_of(arm, (limited ? 0 : 2 * 0.5 * 0.01 * 600) * Vector6::Unit(0));
+    EXPECT_LT((tau - first - expected).norm(), 0.02 * expected.norm() + 1e-9);
+  }
+}
+
+// What the integral of the law before exerts is not let go when its gains are changed.
+TEST_P(Controllers, a_law_with_an_integral_takes_over_from_another_without_a_step_or_a_sag) {
+  SimulatedArm fresh(GetParam(), kMotors);
+  const Reference reference = pose_reference(fresh);
+  CartesianImpedance law(integrating(3));
+  Reference unmoved = reference;
+  law.start(fresh.cycle, unmoved);
+  Vector6 load;
+  load << 3, -4, -12, 0.5, -0.6, 0.4;
+  Vector7 tau;
+  const auto drive = [&](CartesianImpedance& by, double seconds) {
+    double farthest = 0;
+    for (int k = 0; k < seconds / SimulatedArm::kDt; ++k) {
+      by.step(fresh.cycle, reference, tau);
+      fresh.step(tau, push_of(fresh, load));
+      farthest = std::max(farthest, distance_to(fresh, reference));
+    }
+    return farthest;
+  };
+  drive(law, 8);
+  for (const double stiffer : {4.0, 0.25}) {
+    CartesianImpedance::Parameters parameters = integrating(1);
+    parameters.translational_stiffness *= stiffer;
+    CartesianImpedance next(parameters);
+    unmoved = reference;
+    next.start(fresh.cycle, unmoved);
+    EXPECT_LT((unmoved.cartesian.position - reference.cartesian.position).norm(), 1e-4);
+    next.step(fresh.cycle, reference, tau);
+    EXPECT_LT((tau - fresh.tau).cwiseAbs().maxCoeff(), 0.05);
+    EXPECT_LT(drive(next, 2), 2e-3);
+  }
+}
+
+// --- a posture ---------------------------------------------------------------------------------------
+
+TEST_P(Controllers, the_arm_is_led_near_a_posture_while_EE_stays) {
+  SimulatedArm fresh(GetParam(), kMotors);
+  const auto& limits = models::limits(models::arm(GetParam()), 10);
+  const Vector7 posture = fresh.q + 0.4 * fresh.model.joints_of_pose(fresh.q).null_motion;
+  CartesianImpedance::Parameters parameters{Vector3::Constant(2000), Vector3::Constant(200), 1, 50};
+  parameters.posture = posture;
+  CartesianImpedance law(parameters);
+  ASSERT_EQ(law.posture(), posture);
+  realtime::PoseJoints joints(fresh.model, limits);
+  joints.place(fresh.q);
+  joints.prefer(law.posture());
+  Reference reference = pose_reference(fresh);
+  law.start(fresh.cycle, reference);
+  const Vector7 home = fresh.q;
+  double moved = 0, fastest = 0, step = 0;
+  Vector7 tau;
+  for (int k = 0; k < 15000; ++k) {
+    joints.step(reference.cartesian, SimulatedArm::kDt);
+    fresh.cycle.q_ref = joints.joints().q;
+    law.step(fresh.cycle, reference, tau);
+    step = std::max(step, (tau - fresh.tau).cwiseAbs().maxCoeff());
+    fresh.step(tau);
+    moved = std::max(moved, distance_to(fresh, reference));
+    fastest = std::max(fastest, std::abs(fresh.dq[2]));
+  }
+  EXPECT_GT(fresh.q[2] - home[2], 0.3);
+  EXPECT_LT((fresh.q - fresh.cycle.q_ref).norm(), 0.01);
+  // As near as it is with EE where it is: what is left is across the elbow's motion.
+  const Vector7 n = Eigen::FullPivLU<Matrix67>(fresh.model.jacobian()).kernel().col(0).normalized();
+  EXPECT_LT(std::abs(n.dot(posture - fresh.q)), 0.02);
+  EXPECT_LT(moved, 1e-3);
+  EXPECT_LT(fastest, 0.15);
+  EXPECT_LT(step, 0.1);
+}
+
+TEST_P(Controllers, the_elbow_stops_before_a_joint_is_at_its_end) {
+  const auto& limits = models::limits(models::arm(GetParam()), 10);
+  for (const double side : {-1.0, 1.0}) {
+    realtime::PoseJoints joints(arm.model, limits);
+    joints.place(arm.q);
+    // No posture for that pose: all joints at the ends of their ranges to which the elbow's motion takes them.
+    const Vector7 n = side * arm.model.joints_of_pose(arm.q).null_motion;
+    joints.prefer(Vector7((n.array() > 0).select(Vector7::Map(limits.q_max.data()), Vector7::Map(limits.q_min.data()))));
+    const Reference reference = pose_reference(arm);
+    for (int k = 0; k < 60000; ++k) {
+      joints.step(reference.cartesian, SimulatedArm::kDt);
+      const Vector7& q = joints.joints().q;
+      for (int i = 0; i < 7; ++i) {
+        ASSERT_GT(q[i], limits.q_min[i]) << i;
+        ASSERT_LT(q[i], limits.q_max[i]) << i;
+      }
+    }
+    EXPECT_GT((joints.joints().q - arm.q).norm(), 0.5);
+  }
+}
+
 // --- internal impedance --------------------------------------------------------------------------
 
 TEST(InternalImpedance, the_robot_controller_follows_from_stiffness_and_reference) {
@@ -560,7 +729,17 @@ TEST(ControllerParameters, each_bad_field_is_refused_by_name) {
     nullspace.nullspace_stiffness = bad;
     expect(refusal([&] { CartesianImpedance{ratio}; }), "damping_ratio is ");
     expect(refusal([&] { CartesianImpedance{nullspace}; }), "nullspace_stiffness is ");
+    expect(refusal([&] { CartesianImpedance{integrating(bad)}; }), "integral_rate is ");
+    for (int i = 0; i < 6; ++i) {
+      auto limit = integrating(1);
+      limit.integral_limit[i] = bad;
+      expect(refusal([&] { CartesianImpedance{limit}; }), "integral_limit[" + std::to_string(i) + "] is ");
+    }
   }
+  auto limp = soft();
+  limp.nullspace_stiffness = 0;
+  limp.posture = arm.q;
+  expect(refusal([&] { CartesianImpedance{limp}; }), "posture");
   Vector6 soft_x = Vector6::Constant(100);
   soft_x[1] = 5;
   expect(refusal([&] { InternalImpedance({{}, soft_x}); }), "K_x[1] is 5");
@@ -601,7 +780,7 @@ TEST_P(Controllers, free_drive_holds_what_pushes_less_than_its_friction_and_lets
 TEST_P(Controllers, start_and_step_allocate_nothing) {
   if (!allocations::kCounts) GTEST_SKIP() << "the heap belongs to a sanitizer";
   JointImpedance joint({kStiffness, kDamping});
-  CartesianImpedance cartesian(soft());
+  CartesianImpedance cartesian(integrating(1));
   Reference q = joint_reference(arm), x = pose_reference(arm);
   Vector7 tau;
   const testing_tools::AllocationCounter allocations;

@@ -50,6 +50,17 @@ TEST_F(SkillBuilderTest, BuildsWhatFits) {
   EXPECT_EQ(pose->settings.cartesian_impedance->K_x[5], 50);
 }
 
+TEST_F(SkillBuilderTest, APostureIsOneThatTheArmCanTakeWhereItCan) {
+  proto::CartesianImpedance controller;
+  for (int i = 0; i < 7; ++i) controller.add_posture(models::kHome[i] + (i == 2 ? 0.5 : 0));
+  auto skill = skill_of(pose_motion(0.05, 0, -0.1), controller);
+  EXPECT_EQ(error_of(skill), "no error");
+  skill.set_robot_controller(proto::TORQUE_AND_CARTESIAN_POSE);
+  EXPECT_TRUE(error_of(skill).ends_with("the robot makes the joints of a pose: use TORQUE")) << error_of(skill);
+  controller.set_posture(3, 0.2);
+  EXPECT_TRUE(error_of(skill_of(pose_motion(0.05, 0, -0.1), controller)).starts_with("CartesianImpedance: posture[3] is 0.2 rad: expected "));
+}
+
 TEST_F(SkillBuilderTest, MissingPartsAreNamed) {
   proto::Skill skill;
   EXPECT_TRUE(error_of(skill).starts_with("Skill.trajectory is missing: expected one of MinJerkJoint, "));

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
@@ -29,6 +30,11 @@ constexpr double kMaxShift = 0.1;
 constexpr double kMaxTurn = 0.5;
 constexpr double kMaxPostureShift = 0.5;
 constexpr double kPostureFade = 0.999;  // a cycle, of what the posture is shifted by
+
+constexpr double kIntegralShare = 0.25;  // of the least damping, that an integral's rate may have
+constexpr double kNoMode = 1e-2;         // 1/s: less is the damping of a direction without stiffness
+constexpr double kIntegralFade = 0.99;   // a cycle, of an integral whose stiffness a message has taken away
+constexpr double kAsAsked = 1e-6;        // N m
 
 constexpr std::size_t kFirst = 2;  // of the stiffness in its message
 
@@ -129,7 +135,19 @@ void CartesianImpedance::find_modes(const Cycle& cycle, const Dynamics& arm) noe
   const SymmetricEigen<6> modes(C.transpose().lazyProduct(K_C));
   modes_ = modes.vectors;
   mode_damping_ = (2 * damping_ratio_ * modes.values.cwiseMax(0).cwiseSqrt()).cwiseMin(kFastestDamping);
+  if (integral_rate_ > 0) find_least_damping(arm);
   modes_age_ = 0;
+}
+
+// A mode of inertia 1 moves the joints with M^-1 J^T C^-T: the motors add at most what they have in that motion.
+void CartesianImpedance::find_least_damping(const Dynamics& arm) noexcept {
+  const Vector7 B = Vector7::Map(models::kMotorInertia.data());
+  least_damping_ = kFastestDamping;
+  for (int k = 0; k < 6; ++k) {
+    if (mode_damping_[k] < kNoMode) continue;
+    const Vector7 dq = arm.M_inv_Jt * arm.mobility.solve_Lt(modes_.col(k));
+    least_damping_ = std::min(least_damping_, mode_damping_[k] / (1 + dq.dot(B.cwiseProduct(dq))));
+  }
 }
 
 Vector6 CartesianImpedance::damping_force(const Dynamics& arm, const Vector6& velocity_error) const noexcept {
@@ -154,9 +172,19 @@ CartesianImpedance::CartesianImpedance(const Parameters& parameters)
       frame_(parameters.frame),
       axes_(parameters.axes),
       damping_ratio_(parameters.damping_ratio),
-      nullspace_stiffness_(parameters.nullspace_stiffness) {
+      nullspace_stiffness_(parameters.nullspace_stiffness),
+      integral_rate_(parameters.integral_rate),
+      integral_limit_(parameters.integral_limit),
+      posture_(parameters.posture) {
   require_within("damping_ratio", -1, damping_ratio_, 0, 3, "");
   require_within("nullspace_stiffness", -1, nullspace_stiffness_, 0, 100, "N m/rad");
+  require_within("integral_rate", -1, integral_rate_, 0, 10, "1/s");
+  for (int i = 0; i < 6; ++i) {
+    require_within("integral_limit", i, integral_limit_[i], 0, i < 3 ? 100 : 20, i < 3 ? "N" : "N m");
+  }
+  if (posture_ && nullspace_stiffness_ == 0) {
+    throw std::invalid_argument("posture is given and nullspace_stiffness is 0: nothing would lead the joints there");
+  }
 }
 
 void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
@@ -173,9 +201,15 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
   const Vector6 e = to_reference(cycle, pose);
   const Vector6 spring_in_frame = in_frame(cycle, spring), e_in_frame = in_frame(cycle, e);
   Vector6 shift = Vector6::Zero();
+  integral_.setZero();
   for (int i = 0; i < 6; ++i) {
-    if (stiffness_.now()[i] > 0) shift[i] = spring_in_frame[i] / stiffness_.now()[i] - e_in_frame[i];
+    const double K = stiffness_.now()[i];
+    if (K == 0) continue;
+    const double missing = spring_in_frame[i] - K * e_in_frame[i];
+    if (integral_rate_ > 0) integral_[i] = std::clamp(missing, -integral_limit_[i], integral_limit_[i]);
+    shift[i] = (missing - integral_[i]) / K;
   }
+  asked_ = cycle.tau_J_d;
   shift = in_base(cycle, shift);
   pose.position += shortened(shift.head<3>(), kMaxShift);
   pose.orientation =
@@ -196,12 +230,26 @@ void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Ve
   if (++modes_age_ >= kModesAge) find_modes(cycle, arm);
   posture_shift_ *= kPostureFade;
   const CartesianReference& pose = reference.cartesian;
-  const Vector6 spring = in_base(cycle, stiffness_.now().cwiseProduct(in_frame(cycle, to_reference(cycle, pose))));
-  const Vector6 force = spring + other_force(cycle, arm, pose);
+  const Vector6 spring = stiffness_.now().cwiseProduct(in_frame(cycle, to_reference(cycle, pose)));
+  integrate(cycle, spring);
+  const Vector6 force = in_base(cycle, spring + integral_) + other_force(cycle, arm, pose);
   const double pull = nullspace_stiffness_ * arm.n.dot(cycle.q_ref + posture_shift_ - cycle.q) -
                       nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
   tau_J_d.noalias() = cycle.model.jacobian().transpose() * force;
   tau_J_d += cycle.model.coriolis() + ahead(cycle, arm, pose) + pull / arm.n_M_n * arm.M_n;
+  asked_ = tau_J_d;
+}
+
+void CartesianImpedance::integrate(const Cycle& cycle, const Vector6& spring) noexcept {
+  if (integral_rate_ == 0) return;
+  const bool held_back = (cycle.tau_J_d - asked_).cwiseAbs().maxCoeff() > kAsAsked;
+  const double step = std::min(integral_rate_, kIntegralShare * least_damping_) * cycle.dt;
+  for (int i = 0; i < 6; ++i) {
+    double& sum = integral_[i];
+    if (stiffness_.now()[i] == 0) sum *= kIntegralFade;
+    const double next = std::clamp(sum + step * spring[i], -integral_limit_[i], integral_limit_[i]);
+    if (!held_back || std::abs(next) < std::abs(sum)) sum = next;
+  }
 }
 
 }  // namespace realtime

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <optional>
+
 #include "realtime/cycle.hpp"
 #include "realtime/part.hpp"
 #include "robot/mode.hpp"
@@ -24,6 +26,10 @@ class Controller : public Part {
   // The robot controller that runs it for such a motion, and what the robot must be set to.
   virtual robot::Mode mode(Channels motion) const noexcept = 0;
   virtual robot::Settings settings() const noexcept { return {}; }
+
+  // Joints, rad, that those of the reference (Cycle::q_ref) are led near while its skill runs and a pose leaves the elbow free;
+  // none: it stays where it is. For laws that hold the null space to them, where the robot does not make joints of the pose.
+  virtual std::optional<Vector7> posture() const noexcept { return {}; }
 
   // Takes over. When the law before it asked for cycle.tau_J_d, a law with a spring moves `reference` so that it asks for
   // the same torque from there (torque control only; velocity and acceleration stay). A difference that is left fades away.

@@ -39,7 +39,8 @@ std::vector<Kind<realtime::Controller>>& controllers() {
         return new realtime::CartesianImpedance({vector<3>(m.translational_stiffness()),
                                                  vector<3>(m.rotational_stiffness()), m.damping_ratio(),
                                                  m.nullspace_stiffness(), frame(m.frame()),
-                                                 Eigen::Matrix3d::Identity(), given(m.has_topic(), m.topic())});
+                                                 Eigen::Matrix3d::Identity(), given(m.has_topic(), m.topic()),
+                                                 m.integral_rate(), vector<6>(m.integral_limit()), given<7>(m.posture())});
       }),
       controller<proto::FreeDrive>([](const auto& m, const auto&) {
         return new realtime::FreeDrive({vector<7>(m.damping()), vector<7>(m.friction())});
