@@ -143,7 +143,7 @@ CONTROLLERS = {
     "Lqr": lambda: Lqr(),
     "Admittance": lambda: Admittance(stiffness=[1000] * 3 + [100] * 3),
     "ForcePosition": lambda: ForcePosition(position_kps_cart=[1500] * 3 + [100] * 3),
-    "ForcePosition of joints": lambda: ForcePosition(use_cartesian_gains=False, position_kps_joint=1500),
+    "ForcePosition of joints": lambda: ForcePosition(use_cartesian_gains=False, position_kps_joint=[1500] * 4 + [250, 150, 100]),
     "HybridForcePosition": lambda: HybridForcePosition(),
     "FreeDrive": lambda: FreeDrive(),
     "PassThrough": lambda: PassThrough(),

@@ -122,6 +122,27 @@ TEST_F(Streamed, SpringsThatNoLoopCouldHoldAreRefused) {
   EXPECT_NE(law.sensor_inputs()[0]->check(sample_of<35>(2, sent)).find("damping["), std::string::npos);
 }
 
+TEST_F(Streamed, JointGainsThatNoLoopCouldHoldAreRefusedWhereTheyAreUsed) {
+  ForcePosition::Parameters of_joints = position(), wild = position();
+  of_joints.use_cartesian_gains = false;
+  ForcePosition law(of_joints, arm.model.mass()), of_EE(position(), arm.model.mass());
+  Eigen::Matrix<double, 32, 1> sent = Eigen::Matrix<double, 32, 1>::Constant(kNotGiven);
+  sent[12] = 3000;
+  EXPECT_EQ(law.sensor_inputs()[0]->check(sample_of<32>(2, sent)), "");
+  sent[18] = 3000;
+  EXPECT_NE(law.sensor_inputs()[0]->check(sample_of<32>(2, sent)).find("position_kps_joint)[6] is "), std::string::npos);
+  EXPECT_EQ(of_EE.sensor_inputs()[0]->check(sample_of<32>(2, sent)), "");
+  wild.position_kps_joint[5] = 3000;
+  ForcePosition unused(wild, arm.model.mass());
+  wild.use_cartesian_gains = false;
+  try {
+    ForcePosition(wild, arm.model.mass());
+    ADD_FAILURE() << "not refused";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find("position_kps_joint)[5] is "), std::string::npos) << error.what();
+  }
+}
+
 TEST_F(Streamed, APositionBecomesAForce) {
   ForcePosition law(position());
   EXPECT_FALSE(law.tracks());  // it may be asked for force at any time

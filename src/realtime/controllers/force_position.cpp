@@ -6,6 +6,8 @@
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
 #include "realtime/controllers/felt_wrench.hpp"
+#include "realtime/controllers/require_holdable.hpp"
+#include "realtime/felt_inertia.hpp"
 #include "realtime/rotation.hpp"
 
 namespace realtime {
@@ -50,7 +52,18 @@ void check(const Gains& gains) {
 
 }  // namespace
 
-ForcePosition::ForcePosition(const Parameters& parameters)
+ForcePosition::ForcePosition(const Parameters& parameters) : ForcePosition(parameters, GainStream<32>::Check(check)) {}
+
+ForcePosition::ForcePosition(const Parameters& parameters, const Matrix7& mass)
+    : ForcePosition(parameters, [inertia = felt_inertia(mass), cartesian = parameters.use_cartesian_gains](const Gains& gains) {
+        check(gains);
+        const Vector7 K = gains.segment<7>(kPositionJoint);
+        if (!cartesian) {
+          require_holdable(K, 2 * K.cwiseSqrt(), inertia, {"position_kps_joint", "2 sqrt(position_kps_joint)"});
+        }
+      }) {}
+
+ForcePosition::ForcePosition(const Parameters& parameters, const GainStream<32>::Check& check)
     : gains_(gains_of(parameters), parameters.topic, "ForcePositionControllerSensorMessage", kFirst, check),
       use_cartesian_gains_(parameters.use_cartesian_gains),
       max_speed_(parameters.max_speed) {

@@ -33,6 +33,9 @@ class ForcePosition : public Controller {
 
   // Throws std::invalid_argument naming field, value and bound.
   explicit ForcePosition(const Parameters& parameters);
+  // With the mass matrix where the arm begins: joint gains that no loop of 1 ms could hold are refused as well
+  // (require_holdable()), whether they are used from the beginning or sent.
+  ForcePosition(const Parameters& parameters, const Matrix7& mass);
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return gains_.inputs(); }
   Channels takes() const noexcept override { return Channels::kPose | Channels::kWrench; }
@@ -44,6 +47,7 @@ class ForcePosition : public Controller {
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;
 
  private:
+  ForcePosition(const Parameters& parameters, const GainStream<32>::Check& check);
   bool all_position() const noexcept;
 
   GainStream<32> gains_;  // in the order of the message

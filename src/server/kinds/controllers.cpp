@@ -67,11 +67,12 @@ std::vector<Kind<realtime::Controller>>& controllers() {
                                                      vector<7>(m.damping()), given(m.has_topic(), m.topic()), m.timeout()},
                                                     arm.model.mass());
       }),
-      controller<proto::ForcePosition>([](const auto& m, const auto&) {
+      controller<proto::ForcePosition>([](const auto& m, const auto& arm) {
         return new realtime::ForcePosition(
             {vector<6>(m.selection()), m.use_cartesian_gains(), vector<6>(m.position_kps_cart()),
              vector<6>(m.force_kps_cart()), vector<7>(m.position_kps_joint()), vector<7>(m.force_kps_joint()),
-             m.max_speed(), given(m.has_topic(), m.topic())});
+             m.max_speed(), given(m.has_topic(), m.topic())},
+            arm.model.mass());
       }),
       controller<proto::HybridForcePosition>([](const auto& m, const auto&) {
         return new realtime::HybridForcePosition(
