@@ -298,6 +298,7 @@ TEST_F(RecordingTest, WhatAllOfItsProcessesLeaveIsFound) {
     if (!box) box = BlackBox::found(fd);
     return box && box->records.written() > 200;
   }));
+  box.reset();  // its memory holds the file as well
   EXPECT_TRUE(mine().empty());  // two hold it
   close(fd);
   EXPECT_TRUE(mine().empty());  // one does still
