@@ -104,7 +104,7 @@ def test_the_example_of_ones_own_controller_runs():
     assert stiff < soft
 
 
-@pytest.mark.parametrize("script", ["streaming.py", "policy.py"])
+@pytest.mark.parametrize("script", ["streaming.py", "policy.py", "moveit.py"])
 @pytest.mark.wall
 def test_an_example_in_real_time_runs(script):
     test_an_example_runs(script, [SimulatedArm()])
