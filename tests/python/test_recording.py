@@ -265,6 +265,84 @@ def test_a_server_that_is_killed_leaves_what_it_recorded(tmp_path):
         assert killed - (recording.start + recording.states["time"][-1]) < 2.0
 
 
+@pytest.mark.nightly
+@pytest.mark.timeout(3000)
+def test_a_server_that_is_killed_at_any_moment_leaves_all_but_half_a_second(tmp_path):
+    for attempt, wait in enumerate(random.Random(4).choices(range(1500), k=100)):
+        folder = tmp_path / str(attempt)
+        with Simulation(SimulatedArm(), record="always", recordings=folder) as simulation:
+            with FrankaArm(server=simulation.server) as fa:
+                fa.goto_joints(AWAY, 5, block=False)
+                fa.wait_for(lambda state: state.phase == proto.RUNNING)
+                time.sleep(wait * 1e-3)
+                for process in server_processes(simulation):
+                    os.kill(process, signal.SIGKILL)
+        (path,) = folder.glob("*/*-all.mcap")
+        recording = Recording(path)
+        with Simulation(SimulatedArm(lockstep=True), recordings=folder):
+            rest = newest(folder, "crash-the-server-was-killed")
+        # The black box has all up to the last cycle.
+        last = rest.start + rest.states["time"][-1]
+        assert last - (recording.start + recording.states["time"][-1]) < 0.5, attempt
+        assert rest.start < recording.start + recording.states["time"][-1]
+        assert np.all(np.diff(rest.states["cycles"][rest.states["phase"] == proto.RUNNING]) == 1)
+
+
+# A disk of its own, for this process and its children only.
+_SMALL_DISK = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from frankapy import FrankaArm, FrankaArmException, FrankaConstants
+from frankapy.recording import Recording
+from frankapy.sim import SimulatedArm, Simulation
+
+folder = Path(sys.argv[1])
+home = np.array(FrankaConstants.HOME_JOINTS)
+arm = SimulatedArm(lockstep=True)
+with Simulation(arm, record="always", recordings=folder) as simulation, FrankaArm(server=simulation.server) as fa:
+    error = ""
+    deadline = time.monotonic() + 100
+    while not error:
+        assert time.monotonic() < deadline
+        fa.goto_joints(home + 0.1, 1)
+        fa.goto_joints(home, 1)
+        try:
+            with fa.recording() as status:
+                pass
+        except FrankaArmException as refused:
+            error = refused.message
+    fa.goto_joints(home + 0.1, 1)
+    assert np.abs(fa.get_joints() - home - 0.1).max() < 0.01
+files = list(folder.glob("*/*.mcap"))
+print(error, len(files), sum(len(Recording(file)) for file in files if file.stat().st_size > 0), sep="|")
+"""
+
+
+def on_a_disk(tmp_path, options):
+    """Run a script that records there until an error says why not; return error, files, states."""
+    mount = f"mount -t tmpfs -o {options} tmpfs '{tmp_path}'"
+    if subprocess.run(["unshare", "-m", "sh", "-c", mount], capture_output=True, check=False).returncode:
+        pytest.skip("no mounts of its own can be made here")
+    run = f"{mount} && exec '{sys.executable}' -c '{_SMALL_DISK}' '{tmp_path}'"
+    done = subprocess.run(["unshare", "-m", "sh", "-c", run], capture_output=True, text=True, timeout=200, check=False)
+    assert done.returncode == 0, done.stderr
+    error, files, states = done.stdout.strip().splitlines()[-1].split("|")
+    return error, int(files), int(states)
+
+
+def test_a_full_disk_costs_the_recording_and_nothing_else(tmp_path):
+    error, files, states = on_a_disk(tmp_path, "size=2m")
+    assert "No space left" in error
+    assert files >= 1 and states > 500
+
+
+def test_a_disk_that_is_read_only_is_said(tmp_path):
+    error, files, _ = on_a_disk(tmp_path, "ro,size=2m")
+    assert "Read-only" in error
+    assert files == 0
+
+
 def test_skills_are_recorded_each(tmp_path):
     with Simulation(SimulatedArm(lockstep=True), record="skills", recordings=tmp_path) as simulation:
         with FrankaArm(server=simulation.server) as fa:
