@@ -19,7 +19,7 @@ from frankapy import cli_imitation, cli_status, parts
 from frankapy.cli_status import TITLES
 from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE
 from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
-from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
 from frankapy.recording import Recording
 from frankapy.terminal import colored, print_rows
 
@@ -106,8 +106,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wall.add_argument("--keep", action="store_true", help="it outlives the server")
     change.add_parser("remove", help="remove walls").add_argument("names", nargs="+", metavar="name")
 
-    kinds = add("kinds", _kinds, "list the parts that skills are made of, with their fields")
+    kinds = add("kinds", _kinds, "list the parts that skills are made of, with their fields; a server's own too")
     kinds.add_argument("role", nargs="?", choices=["trajectory", "controller", "termination"], help="only these")
+    add_server(kinds)
+    kinds.add_argument("--arm", type=int, default=1, help="its number (default 1)")
     kinds.add_argument("--fits", action="store_true", help="which trajectory fits which controller, and in which robot controllers")
 
     new = add("new", _new, "begin a part of your own: a project with its C++ file, message, test and build file")
@@ -214,8 +216,17 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _kinds(options: argparse.Namespace) -> int:
+    loaded = None
+    try:
+        connection = Connection(options.server, options.arm)
+        loaded = connection.welcome.loaded
+        connection.close()
+    except FrankaArmCommException as error:
+        if options.server or os.environ.get(SERVER_VARIABLE):
+            raise
+        print(f"Those of this package; what a server has loaded is not among them. {error.message}\n", file=sys.stderr)
     last = None
-    for kind in parts.describe(options.role):
+    for kind in parts.describe(options.role, loaded):
         if kind.role != last:
             print(kind.role if last is None else f"\n{kind.role}")
             last = kind.role

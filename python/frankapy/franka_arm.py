@@ -36,9 +36,9 @@ from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
 from frankapy.franka_constants import FrankaConstants as FC
 from frankapy.hand import Hand
 from frankapy.interrupts import stop_on_interrupt
+from frankapy.kinds import Kind, describe
 from frankapy.limits import Limits
 from frankapy.motions import Motions
-from frankapy.parts import Kind, describe
 from frankapy.poses import TOOL, TOOL_BASE, WORLD
 from frankapy.proto_utils import messages_of
 from frankapy.rigid_transform import RigidTransform
@@ -752,9 +752,10 @@ class FrankaArm:
         """
         self._motions.change(trajectory, controller, until)
 
-    @staticmethod
-    def kinds(role: str | None = None) -> list[Kind]:
+    def kinds(self, role: str | None = None) -> list[Kind]:
         """Return what skills are made of: every kind with its fields, their units and defaults, and what it fits.
+
+        Those that the server has loaded from libraries are marked (`loaded`), and have the full names of their messages.
 
         Args:
             role: "trajectory", "controller", "termination", or None for all.
@@ -765,7 +766,7 @@ class FrankaArm:
         """
         if role not in (None, "trajectory", "controller", "termination"):
             raise FrankaArmArgumentError(f"role is {role!r}: expected trajectory, controller, termination or None")
-        return describe(role)
+        return describe(role, None if self._connection is None else self._connection.current_welcome().loaded)
 
     def publisher(self, topic: str) -> SensorPublisher:
         """Return a publisher of sensor messages over a topic of this arm."""

@@ -257,6 +257,7 @@ class ArmProcess {
     for (std::size_t i = 1; i < chosen.arm->links.size(); ++i) moving_mass += chosen.arm->links[i].mass;
     welcome.set_moving_mass(moving_mass);
     for (const auto& deficiency : report.deficiencies) welcome.add_deficiencies(deficiency);
+    if (auto loaded = loaded_kinds(); !loaded.kinds().empty()) *welcome.mutable_loaded() = std::move(loaded);
     return welcome;
   }
 

@@ -3,6 +3,7 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <algorithm>
+#include <set>
 
 #include "frankapy/proto/terminations.pb.h"
 #include "server/kinds/kind.hpp"
@@ -75,6 +76,15 @@ int count(const Any& any, int depth) {
   return sum;
 }
 
+// The file behind those that it imports, unless clients have it.
+void describe(const google::protobuf::FileDescriptor& file, std::set<const google::protobuf::FileDescriptor*>& described,
+              proto::LoadedKinds& out) {
+  const std::string name(file.name());
+  if (name.starts_with("frankapy/proto/") || name.starts_with("google/protobuf/") || !described.insert(&file).second) return;
+  for (int i = 0; i < file.dependency_count(); ++i) describe(*file.dependency(i), described, out);
+  file.CopyTo(out.add_files());
+}
+
 }  // namespace
 
 std::unique_ptr<realtime::TrajectoryGenerator> make_trajectory(const Any& any, const realtime::Arm& arm) {
@@ -120,6 +130,24 @@ std::vector<std::string> titles_of_kinds() {
   for (const auto& each : controllers()) titles.push_back("controller " + each.name);
   for (const auto& each : terminations()) titles.push_back("termination " + each.name);
   return titles;
+}
+
+proto::LoadedKinds loaded_kinds() {
+  proto::LoadedKinds loaded;
+  std::set<const google::protobuf::FileDescriptor*> described;
+  const auto add = [&](const char* role, const auto& kinds) {
+    for (const auto& each : kinds) {
+      if (each.name.find('.') == std::string::npos) continue;
+      auto& kind = *loaded.add_kinds();
+      kind.set_role(role);
+      kind.set_name(each.name);
+      describe(*each.message->file(), described, loaded);
+    }
+  };
+  add("trajectory", trajectories());
+  add("controller", controllers());
+  add("termination", terminations());
+  return loaded;
 }
 
 }  // namespace server

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "frankapy/proto/service.pb.h"
 #include "realtime/arm.hpp"
 #include "realtime/controllers/controller.hpp"
 #include "realtime/terminations/termination.hpp"
@@ -40,5 +41,8 @@ std::string kind_of(const google::protobuf::Any& any);
 std::uint16_t number_of(const std::string& kind);
 // Of all, in the order of their numbers, with their role: "controller JointImpedance".
 std::vector<std::string> titles_of_kinds();
+
+// Those that came from libraries.
+frankapy::proto::LoadedKinds loaded_kinds();
 
 }  // namespace server

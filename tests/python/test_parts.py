@@ -1,6 +1,8 @@
 """Skills of any parts: combinations that fit move the arm as the truth says; each other is refused with what fits."""
 
+import ast
 import contextlib
+import inspect
 import itertools
 import random
 import subprocess
@@ -185,6 +187,17 @@ def test_kinds_are_told_with_fields_and_what_fits(fa):
 def test_the_reference_in_docs_is_what_the_messages_say(tmp_path):
     subprocess.run([sys.executable, REPOSITORY / "scripts/parts_reference.py", tmp_path / "parts.md"], check=True)
     assert (REPOSITORY / "docs/parts.md").read_text() == (tmp_path / "parts.md").read_text(), "run scripts/parts_reference.py"
+
+
+def test_the_stub_is_that_of_the_source(tmp_path):
+    subprocess.run([sys.executable, REPOSITORY / "scripts/parts_stub.py", tmp_path / "parts.pyi"], check=True)
+    written = REPOSITORY / "python/frankapy/parts.pyi"
+    assert written.read_text() == (tmp_path / "parts.pyi").read_text(), "run scripts/parts_stub.py"
+    functions = [node for node in ast.parse(written.read_text()).body if isinstance(node, ast.FunctionDef)]
+    assert {function.name for function in functions} == {descriptor.name for _, descriptor in parts.kinds()}
+    for function in functions:
+        allowed = {*inspect.signature(getattr(parts, function.name)).parameters, "pose"}
+        assert {argument.arg for argument in function.args.args} <= allowed, function.name
 
 
 def moves_as_told(arm, fa, trajectory, controller, robot_controller):

@@ -360,6 +360,21 @@ def test_parts_that_do_not_fit_are_refused_with_those_that_do(tutorial, tutorial
             fa.run(SpiralSearch(), Lqr(), robot_controller="torque")
 
 
+def test_what_the_server_has_loaded_is_listed_and_marked(tutorial_arm, capsys):
+    with FrankaArm(server=tutorial_arm.server) as fa:
+        kinds = {kind.name: kind for kind in fa.kinds()}
+        assert kinds["lqr.Lqr"].loaded
+        assert kinds["lqr.Lqr"].role == "controller"
+        assert kinds["lqr.Lqr"].fields["q_error"].startswith("7 numbers, rad")
+        assert kinds["spiral_search.SpiralSearch"].fields["duration"].startswith("s, ")
+        assert {kind.name for kind in fa.kinds("trajectory") if kind.loaded} == {"spiral_search.SpiralSearch"}
+        assert {kind.name for kind in FrankaArm(offline=True).kinds()} == {name for name, kind in kinds.items() if not kind.loaded}
+    assert cli.main(["kinds", "controller", "--server", tutorial_arm.server]) == 0
+    listed = capsys.readouterr().out
+    assert "lqr.Lqr (loaded by the server)\n" in listed
+    assert "Spiral" not in listed
+
+
 # --- libraries that are refused ----------------------------------------------------------------------------------------
 
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <google/protobuf/any.pb.h>
+#include <google/protobuf/descriptor.h>
 
 #include <Eigen/Geometry>
 #include <functional>
@@ -33,6 +34,7 @@ template <class Base>
 struct Kind {
   std::string name;
   std::function<std::unique_ptr<Base>(const google::protobuf::Any&, const realtime::Arm&)> make;
+  const google::protobuf::Descriptor* message;
 };
 
 // All of them, in the order of wire/proto; one file of this folder each. Those of libraries (server/plugins.hpp) are added
@@ -48,7 +50,8 @@ Kind<Base> kind(Make make) {
             Message message;
             wire::unpack(any, message);
             return std::unique_ptr<Base>(make(message, arm));
-          }};
+          },
+          Message::descriptor()};
 }
 
 // --- fields ----------------------------------------------------------------------------------------------------------
