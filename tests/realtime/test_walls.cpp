@@ -11,8 +11,6 @@
 #include "realtime/controllers/joint_impedance.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/loop.hpp"
-#include "realtime/motion_gate.hpp"
-#include "realtime/rotation.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/walls/wall_guard.hpp"
 #include "simulated_arm.hpp"
@@ -140,54 +138,6 @@ TEST(ArmCapsules, what_is_held_is_where_the_model_has_the_flange) {
     arm.place(simulated.q, place);
     EXPECT_LT((place.a[arm.all().size() - 1] - simulated.cycle.O_T_EE.translation()).norm(), 1e-6);
   }
-}
-
-// --- the elbow -------------------------------------------------------------------------------------------------------------
-
-// A plane beside the arm at home, between where its elbow is and where a posture would lead it.
-TEST(MotionGate, an_elbow_that_is_led_to_a_posture_stops_before_a_wall_and_holds_no_motion_back) {
-  const models::Arm& fr3 = models::arm("fr3");
-  const models::Limits& limits = models::limits(fr3, 10);
-  Model model(models::urdf(fr3, 10));
-  const Vector7 home = Vector7::Map(models::kHome.data());
-  const Vector7 posture = home + 0.8 * model.joints_of_pose(home).null_motion;
-  Reference reference;
-  reference.motion = Channels::kPose;
-  reference.cartesian = at(model.O_T_EE(home));
-  const Reference wanted = reference;
-  Walls walls{ArmCapsules(fr3, true), {}};
-  const auto led = [&](const Walls& among, bool& held, double& least) {
-    MotionGate gate(limits, model);
-    gate.walls().change(new Walls(among));
-    gate.reset(reference);
-    gate.place(home);
-    gate.prefer(posture);
-    for (int k = 0; k < 12000; ++k) {
-      gate.observe(reference, nullptr);
-      held |= gate.follow(wanted, reference) != HeldBy::kNothing;
-      least = std::min(least, clearance_of(among, gate.joints().q));
-    }
-    return gate.joints().q;
-  };
-  bool held = false;
-  double least = 1e9;
-  const Vector7 there = led(walls, held, least);
-  ASSERT_GT(there[2], 0.4);
-  EXPECT_FALSE(held);
-
-  // To the side where the arm reaches farther there.
-  const auto reach = [&](const Vector7& q, double side) {
-    walls.walls = {{1, plane({0, side, 0}, {0, -side, 0})}};
-    return 1 - clearance_of(walls, q);
-  };
-  const double side = reach(there, 1) - reach(home, 1) > reach(there, -1) - reach(home, -1) ? 1 : -1;
-  ASSERT_GT(reach(there, side), reach(home, side) + 0.06);
-  walls.walls = {{1, plane({0, side * (reach(there, side) + reach(home, side)) / 2, 0}, {0, -side, 0})}};
-  const Vector7 stopped = led(walls, held, least = 1e9);
-  EXPECT_FALSE(held);
-  EXPECT_GT(least, WallGuard::kClearance);
-  EXPECT_LT(least, 0.03);
-  EXPECT_GT(stopped[2], 0.05);
 }
 
 // --- motions ----------------------------------------------------------------------------------------------------------------
