@@ -270,8 +270,8 @@ def _walls(options: argparse.Namespace) -> int:
             lengths = " x ".join(f"{x:g}" for x in np.hstack([*size, []]))
             place = ", ".join(f"{x:g}" for x in wall.position)
             angles = RigidTransform(RigidTransform.rotation_from_quaternion(wall.orientation), np.zeros(3)).euler_angles
-            turn = " ".join(f"{np.degrees(angle) + 0.0:.3g}" for angle in angles)  # + 0.0: no "-0"
-            turned = f", turned {turn} degrees" if np.any(angles) else ""
+            degrees = np.degrees(angles).round(2) + 0.0  # + 0.0: no "-0"
+            turned = f", turned {' '.join(f'{angle:g}' for angle in degrees)} degrees" if degrees.any() else ""
             kinds = ", held" * wall.held + ", fixed" * wall.fixed + ", kept" * wall.keep
             rows.append((name, f"{shape} {lengths} at {place} m{turned}{kinds}"))
         print_rows("walls" if rows else "no walls", rows)

@@ -53,7 +53,7 @@ def contact_speed(region: str, moving_mass: float, load: float) -> float:
 
     """
     if region not in BODY_REGIONS:
-        raise FrankaArmArgumentError(f"region is {region!r}: expected one of {', '.join(BODY_REGIONS)}; the head must not be hit at all")
+        raise FrankaArmArgumentError(f"region is {region!r}: expected one of {', '.join(BODY_REGIONS)}; the head must not be hit")
     body = BODY_REGIONS[region]
     robot = number("moving_mass", moving_mass) / 2 + number("load", load)
     if not robot > 0:
@@ -62,17 +62,16 @@ def contact_speed(region: str, moving_mass: float, load: float) -> float:
     return float(body.force / np.sqrt(reduced * body.stiffness))
 
 
-class _Bound:
-    """One that can be reduced."""
+def _bound(name: str, text: str) -> property:
+    """Return one that can be reduced."""
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
+    def now(limits: Limits) -> float:
+        return float(getattr(limits.now, name))
 
-    def __get__(self, limits: Limits, owner: type | None = None) -> float:
-        return float(getattr(limits.now, self._name))
+    def reduce(limits: Limits, value: float) -> None:
+        limits.update(**{name: value})
 
-    def __set__(self, limits: Limits, value: float) -> None:
-        limits.update(**{self._name: value})
+    return property(now, reduce, doc=text)
 
 
 class Limits:
@@ -90,12 +89,12 @@ class Limits:
         >>> fa.limits.reset()
     """
 
-    velocity = _Bound()
-    acceleration = _Bound()
-    jerk = _Bound()
-    torque = _Bound()
-    tool_speed = _Bound()
-    power = _Bound()
+    velocity = _bound("velocity", "Of joints and poses, a share of the robot's own, 0.01 to 1.")
+    acceleration = _bound("acceleration", "The same.")
+    jerk = _bound("jerk", "The same.")
+    torque = _bound("torque", "Of the server's controllers, beside gravity, a share of the robot's own, 0.01 to 1.")
+    tool_speed = _bound("tool_speed", "Of the origin of EE, m/s.")
+    power = _bound("power", "Of the joints together, beside gravity and friction, W.")
 
     def __init__(
         self,

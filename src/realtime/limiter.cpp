@@ -24,9 +24,8 @@ constexpr double kGentleJerk = 0.05;
 // s in which a pose that catches up gives back the acceleration it has, at least: with gentle jerk alone one that was left in
 // mid-motion would be led far astray.
 constexpr double kGiveBack = 0.03;
-// The same where what is asked for has been reduced below the limits of the arm: soon enough not to come far beyond.
-constexpr double kSoon = 0.005;
-// Share that a pose brakes with where that does not do, and how near to a limit of acceleration or jerk that may lead.
+// Share that a pose brakes with where that does not do, and with which an acceleration is given back that would lead beyond a
+// reduced velocity; and how near to a limit of acceleration or jerk a brake may lead.
 constexpr double kHardJerk = 0.5;
 constexpr double kMostStrain = 0.95;
 // Share of the joints' limits that a pose's reference may use, where the map from one to the other is known for this
@@ -317,15 +316,20 @@ struct Limiter::Impl : Motion {
     return can_stop(i, q, step.velocity, step.acceleration);
   }
 
-  // With which such an acceleration is given back in following.
-  double follow_jerk(int i, double acceleration) const {
-    const double most = kPlanShare * asked.dddq_max[i], gentle = std::min(kGentleJerk * limits.dddq_max[i], most);
-    return reduced ? std::clamp(std::abs(acceleration) / kSoon, gentle, std::min(kHardJerk * limits.dddq_max[i], most)) : gentle;
-  }
+  // Nothing else keeps what is reduced, and at kLeastShare more a goal that is faster is followed.
+  double plan_share() const { return reduced ? kPlanShare / (1 + kLeastShare) : kPlanShare; }
 
-  // The velocity that a joint comes to meanwhile.
+  // In following; most where such an acceleration must be given back before the velocity has changed by `room`.
+  double follow_jerk(int i, double acceleration, double room) const {
+    const double gentle = std::min(kGentleJerk * limits.dddq_max[i], most_jerk(i));
+    return reduced ? std::clamp(giving_back(acceleration, room), gentle, most_jerk(i)) : gentle;
+  }
+  double most_jerk(int i) const { return std::min(kHardJerk * limits.dddq_max[i], kPlanShare * asked.dddq_max[i]); }
+  static double giving_back(double acceleration, double room) { return acceleration * acceleration / (2 * std::max(room, 1e-9)); }
+
+  // The velocity that a joint comes to while it gives its acceleration back.
   double velocity_to_come(int i, double velocity, double acceleration) const {
-    return velocity + acceleration * std::abs(acceleration) / (2 * follow_jerk(i, acceleration));
+    return velocity + acceleration * std::abs(acceleration) / (2 * most_jerk(i));
   }
 
   // That step, and what must come of it, are inside what may be asked for.
@@ -390,12 +394,13 @@ struct Limiter::Impl : Motion {
     auto& in = joint_follow.in;
     Vector7 velocity, acceleration;
     for (int i = 0; i < kJoints; ++i) {
-      const double V = std::min(kPlanShare * asked.dq_max[i], fastest[i]);
-      const double A = kPlanShare * asked.ddq_max[i];
+      const double V = std::min(plan_share() * asked.dq_max[i], fastest[i]);
+      const double A = plan_share() * asked.ddq_max[i];
       const double q = std::clamp(wanted.q[i], limits.q_min[i], limits.q_max[i]);
       const bool inside = q == wanted.q[i];
       velocity[i] = inside ? std::clamp(wanted.dq[i], -V, V) : 0;
-      acceleration[i] = inside ? std::clamp(wanted.ddq[i], -A, A) : 0;
+      const bool too_fast = reduced && std::abs(wanted.dq[i]) > V;
+      acceleration[i] = inside && !too_fast ? std::clamp(wanted.ddq[i], -A, A) : 0;
       // Where `wanted` was at the last output, if it moved as it says.
       const double before = q - dt * (velocity[i] - dt * acceleration[i] / 2);
       in.current_position[i] = joints[i].q - before;
@@ -407,7 +412,9 @@ struct Limiter::Impl : Motion {
       (*in.min_velocity)[i] = std::min(lower - velocity[i], -kLeastShare * V);
       in.max_acceleration[i] = std::max(A - acceleration[i], kLeastShare * A);
       (*in.min_acceleration)[i] = std::min(-A - acceleration[i], -kLeastShare * A);
-      in.max_jerk[i] = follow_jerk(i, joints[i].acceleration - acceleration[i]);
+      const double room = in.current_acceleration[i] > 0 ? in.max_velocity[i] - in.current_velocity[i]
+                                                         : in.current_velocity[i] - (*in.min_velocity)[i];
+      in.max_jerk[i] = follow_jerk(i, in.current_acceleration[i], room);
     }
     if (!joint_follow.plan()) return false;
     joint_follow.step(dt, steps);
@@ -482,7 +489,9 @@ struct Limiter::Impl : Motion {
            last.norm() <= kShare * part.limits.velocity * kRounding;
   }
 
-  const models::Limits::Rates& asked_of(const Part& part) const { return &part == &translation ? asked.translation : asked.rotation; }
+  const models::Limits::Rates& asked_of(const Part& part) const {
+    return &part == &translation ? asked.translation : asked.rotation;
+  }
 
   // As for joints.
   bool may_be_asked(const Part& part, const PartStep& step, double dt) const {
@@ -491,7 +500,7 @@ struct Limiter::Impl : Motion {
     const Vector3 v = step.delta / dt;
     const Vector3 a = (v - part.v) / dt;
     const Vector3 j = (a - part.a) / dt;
-    const double J = give_back_jerk(part, part.limits.jerk, step.acceleration.norm());
+    const double J = std::min(kHardJerk * part.limits.jerk, kPlanShare * most.jerk);
     const Vector3 last = step.velocity + step.acceleration * (step.acceleration.norm() / (2 * J));
     return std::max(v.norm(), last.norm()) <= kShare * most.velocity * kRounding &&
            a.norm() <= kShare * most.acceleration * kRounding && j.norm() <= kShare * most.jerk * kRounding;
@@ -510,10 +519,11 @@ struct Limiter::Impl : Motion {
     return true;
   }
 
-  // With which a part gives such an acceleration back in following; `jerk`: what it may use for itself.
-  double give_back_jerk(const Part& part, double jerk, double acceleration) const {
-    const double J = std::clamp(acceleration / (reduced ? kSoon : kGiveBack), kGentleJerk * jerk, kHardJerk * jerk);
-    return std::min(J, kPlanShare * asked_of(part).jerk);
+  // With which a part gives such an acceleration back in following, of what it may use for itself.
+  double give_back_jerk(const Part& part, const models::Limits::Rates& own, const Vector3& acceleration) const {
+    const double a = acceleration.norm(), room = kPlanShare * own.velocity - (a > 0 ? part.velocity.dot(acceleration) / a : 0);
+    const double wanted = std::max(a / kGiveBack, reduced ? giving_back(a, room) : 0);
+    return std::min(std::clamp(wanted, kGentleJerk * own.jerk, kHardJerk * own.jerk), kPlanShare * asked_of(part).jerk);
   }
 
   PartStep as_wanted(const Part& part, const Vector3& delta, double dt) const {
@@ -628,11 +638,12 @@ struct Limiter::Impl : Motion {
   bool follow_step(const Part& part, const Vector3& delta, const Vector3& wanted_velocity,
                    const Vector3& wanted_acceleration, double dt, PartStep& step) noexcept {
     const models::Limits::Rates own = own_limits(part);
-    const double V = kPlanShare * own.velocity;
-    const double A = kPlanShare * own.acceleration;
+    const double V = plan_share() * own.velocity;
+    const double A = plan_share() * own.acceleration;
     const Vector3 velocity = limited(wanted_velocity, V);
-    const Vector3 acceleration = limited(wanted_acceleration, A);
-    const double J = give_back_jerk(part, own.jerk, (part.acceleration - acceleration).norm());
+    const bool too_fast = reduced && wanted_velocity.norm() > V;
+    const Vector3 acceleration = too_fast ? Vector3::Zero().eval() : limited(wanted_acceleration, A);
+    const double J = give_back_jerk(part, own, part.acceleration - acceleration);
     const double axis = 1 / std::sqrt(3.0);
     const double V_axis = axis * std::max(V - velocity.norm(), kLeastShare * V);
     const double A_axis = axis * std::max(A - acceleration.norm(), kLeastShare * A);

@@ -18,6 +18,7 @@ constexpr double kBeside = 2e-3;  // rad, m
 constexpr double kBoundShare = 0.96, kPowerShare = 0.9, kSlowShare = 0.9;
 constexpr double kSoon = 0.1;         // s in which a joint that moves along goes a way that counts like one that is left
 constexpr double kNoWay = 1e-9;       // m, of the tool
+constexpr double kSlowest = 1e-3;     // rad/s, of a joint that has no way to go
 constexpr double kNoFaster = 1e-4;    // m/s in a cycle, of a tool that is being slowed
 
 constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
@@ -100,13 +101,13 @@ void MotionGate::share_tool_speed(const Reference& wanted) noexcept {
   if (slowed_ && wanted.motion == Channels::kJoint && is_finite(wanted)) {
     const Vector7 way = (wanted.joint.q - before_.joint.q).cwiseAbs() + kSoon * wanted.joint.dq.cwiseAbs();
     const double of_tool = model_.jacobian().topRows<3>().colwise().norm().dot(way);
-    if (of_tool > kNoWay) dq = kSlowShare * bounds_.tool_speed / of_tool * way;
+    if (of_tool > kNoWay) dq = (kSlowShare * bounds_.tool_speed / of_tool * way).cwiseMax(kSlowest);
   }
   limiter_.bound(dq);
 }
 
 // One step, and what held it back. One that would be beyond the bounds is made by joints that are slowed; where that does not do,
-// it is a step of the way to rest.
+// all are braked.
 HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference) noexcept {
   const double before = tool_speed() + kNoFaster, fastest = kBoundShare * bounds_.tool_speed;
   share_tool_speed(wanted);
@@ -122,7 +123,13 @@ HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference)
   }
   if (held != HeldBy::kNothing) {
     limiter_.take_back();
-    limiter_.brake(kTick, reference);
+    if (has(held, HeldBy::kToolSpeed)) {
+      // Sooner than on the way to rest: what leads to more speed is given back at once.
+      limiter_.bound(Vector7::Constant(kSlowest));
+      limited = limiter_.follow(wanted, kTick, reference);
+    } else {
+      limiter_.brake(kTick, reference);
+    }
   }
   const bool pose_too_fast = wanted.motion == Channels::kPose && wanted.cartesian.velocity.head<3>().norm() > fastest;
   return held | when(limited, HeldBy::kMotionLimits) | when(slowed_ || (limited && pose_too_fast), HeldBy::kToolSpeed);

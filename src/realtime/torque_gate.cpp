@@ -16,7 +16,7 @@ constexpr double kLetGo = 0.15;                    // rad/s to which the torque 
 
 constexpr double kPowerShare = 0.95;  // of the bound, that a torque keeps to
 constexpr double kToolShare = 0.96;   // likewise of the tool's speed
-constexpr double kApproach = 60;      // 1/s, at which the tool may come near to that, and falls back to it
+constexpr double kApproach = 25;      // 1/s, at which the tool may come near to that, and falls back to it
 constexpr double kFarFrom = 0.4;      // of it: below nothing is looked at
 constexpr double kToolBrake = 4;      // m/s², at most, of a tool that has just become too fast as less is allowed
 

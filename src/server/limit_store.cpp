@@ -4,11 +4,13 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <utility>
+#include <vector>
 
+#include "frankapy/proto/rules.pb.h"
 #include "server/arm_model.hpp"
 #include "server/kept.hpp"
 #include "server/refused.hpp"
-#include "wire/proto/validation.hpp"
 
 namespace server {
 namespace {
@@ -49,8 +51,8 @@ void LimitStore::change(const proto::ChangeLimits& change) {
     const auto& rule = field->options().GetExtension(proto::rule);
     if (given <= most) continue;
     throw Refused(proto::Error::INVALID_ARGUMENT,
-                  fmt::format("Limits.{0} is {1:g} {2}: expected {3:g} to {4:g}, the most that the robot and the server's configuration "
-                              "([arm.limits]) allow",
+                  fmt::format("Limits.{} is {:g} {}: expected {:g} to {:g}, the most that the robot and the server's "
+                              "configuration ([arm.limits]) allow",
                               field->name(), given, rule.unit(), rule.min(), most));
   }
   reduced_ = std::move(reduced);
@@ -66,7 +68,8 @@ proto::LimitsInForce LimitStore::list() const {
   std::vector<const google::protobuf::FieldDescriptor*> fields;
   reflection.ListFields(reduced_, &fields);
   for (const auto* field : fields) {
-    reflection.SetDouble(out.mutable_now(), field, std::min(reflection.GetDouble(reduced_, field), reflection.GetDouble(most_, field)));
+    const double given = reflection.GetDouble(reduced_, field), most = reflection.GetDouble(most_, field);
+    reflection.SetDouble(out.mutable_now(), field, std::min(given, most));
   }
   return out;
 }

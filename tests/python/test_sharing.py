@@ -13,8 +13,17 @@ import zmq
 from conftest import HOME, server_processes
 from test_motions import GOAL
 
-from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmCommException, proto
+from frankapy import (
+    FrankaArm,
+    FrankaArmArgumentError,
+    FrankaArmBusyException,
+    FrankaArmCommException,
+    FrankaArmException,
+    proto,
+)
 from frankapy.connection import list_arms
+from frankapy.sim import SimulatedArm, Simulation, program
+from frankapy.walls import Sphere
 
 LONG = 1000  # s of the robot's clock; in lockstep, many seconds of ours
 
@@ -195,3 +204,26 @@ def test_a_computer_that_stands_still_for_a_while_makes_nobody_look_as_if_it_hun
         assert is_moving(fa)
         assert list_arms(arm.server)[0].starts == starts
         fa.stop_skill()
+
+
+def test_a_robot_that_is_rebooted_is_connected_again_with_its_walls_and_limits():
+    with Simulation(SimulatedArm(lockstep=True, ideal=True)) as simulation, FrankaArm(server=simulation.server) as fa:
+        fa.walls.add("ball", Sphere(0.1, [0, 2, 0]))
+        fa.limits.velocity = 0.2
+        fa.goto_joints(GOAL, LONG, block=False)
+        wait_until(lambda: is_moving(fa))
+        os.kill(simulation.processes[0], signal.SIGKILL)
+        fa.wait_for_skill()
+        assert fa.last_skill_result.ending == proto.CONNECTION_LOST
+        with pytest.raises(FrankaArmException, match=simulation.addresses[0]):
+            fa.goto_joints(HOME, 1, ignore_errors=False)
+        command = [program("fci-sim"), "--listen", simulation.addresses[0], "--lockstep", "--ideal"]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as rebooted:
+            try:
+                fa.wait_for_franka_interface(60)
+                fa.goto_joints(GOAL, 1)
+                np.testing.assert_allclose(fa.get_joints(), GOAL, atol=0.002)
+                assert list(fa.walls) == ["ball"] and fa.limits.velocity == 0.2
+                assert fa.last_skill_result.stretch > 1.2
+            finally:
+                rebooted.kill()

@@ -177,7 +177,7 @@ def test_walls_outlive_the_process_of_their_arm(walled, ideal_arm):
             again.goto_joints(LEFT, ignore_virtual_walls=True)
 
 
-def test_the_command_line_turns_holds_and_keeps(walled, ideal_arm, capsys):
+def test_the_command_line_turns_holds_and_keeps(ideal_arm, capsys):
     def walls(*words: str) -> str:
         assert main(["walls", "--server", ideal_arm.server, *words]) == 0
         return capsys.readouterr().out
@@ -186,9 +186,10 @@ def test_the_command_line_turns_holds_and_keeps(walled, ideal_arm, capsys):
     shown = walls("add", "pen", "capsule", "0.005", "0.1", "--at", "0", "0", "0.05", "--held", "--keep")
     assert "box 1 x 0.5 x 0.1 at 0.5, 0, -0.5 m, turned 0 30 90 degrees" in shown
     assert "held, kept" in shown
-    assert list(walled.obstacles) == ["pen", "ramp"]
-    # Its long edge, turned down by 30 degrees and then to the left.
-    rotation = RigidTransform.rotation_from_quaternion(walled.walls["ramp"].orientation)
-    np.testing.assert_allclose(rotation[:, 0], [0, np.cos(np.pi / 6), -0.5], atol=1e-6)
-    np.testing.assert_allclose(walled.walls["pen"].position, [0, 0, 0.1034 + 0.05], atol=1e-6)
+    with ideal_arm.client() as fa:
+        assert list(fa.obstacles) == ["pen", "ramp"]
+        # Its long edge, turned down by 30 degrees and then to the left.
+        rotation = RigidTransform.rotation_from_quaternion(fa.walls["ramp"].orientation)
+        np.testing.assert_allclose(rotation[:, 0], [0, np.cos(np.pi / 6), -0.5], atol=1e-6)
+        np.testing.assert_allclose(fa.walls["pen"].position, [0, 0, 0.1034 + 0.05], atol=1e-6)
     assert walls("remove", "pen", "ramp").strip() == "no walls"

@@ -8,7 +8,6 @@
 #include "realtime/bounds.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/motion_gate.hpp"
-#include "realtime/torque_gate.hpp"
 #include "simulated_arm.hpp"
 
 namespace {
@@ -126,7 +125,9 @@ TEST(Bounds, a_motion_that_runs_is_slowed_inside_the_limits_of_the_arm) {
       judge.see(out.joint.q);
       const double now = share_of(judge.v, kLimits.dq_max);
       if (cycle % 1000 == 500 && now > 0.2) ++slowed;
-      if (cycle % 1000 > 950) EXPECT_LE(now, 0.1) << "seed " << seed << ", cycle " << cycle;
+      if (cycle % 1000 > 950) {
+        EXPECT_LE(now, 0.1) << "seed " << seed << ", cycle " << cycle;
+      }
     }
     EXPECT_GT(slowed, 2) << "it was faster";
     EXPECT_LE(judge.acceleration, 1);
@@ -147,7 +148,9 @@ class GateTest : public testing::Test {
     gate.observe(reference, nullptr);
     const testing_tools::AllocationCounter counter;
     const HeldBy held = gate.follow(wanted, reference);
-    if (allocations::kCounts) EXPECT_EQ(counter.count(), 0u);
+    if (allocations::kCounts) {
+      EXPECT_EQ(counter.count(), 0u);
+    }
     return held;
   }
 
@@ -229,62 +232,6 @@ TEST_F(GateTest, joints_do_no_more_work_than_may_be) {
     } else {
       EXPECT_GT(hardest, 15) << "they ask for more";
     }
-  }
-}
-
-// A controller that pulls as hard as it can, to and fro.
-struct Pulled {
-  double speed = 0, power = 0, joint = 0;  // the greatest: m/s, W, share of the joints' velocity
-  Vector7 tau = Vector7::Zero();           // N m
-};
-Pulled pulled(const Bounds& bounds, unsigned seed) {
-  SimulatedArm arm("fr3", Vector7::Map(models::kMotorInertia.data()));
-  TorqueGate gate(kLimits);
-  gate.keep_to(bounds);
-  WallGuard walls;
-  std::mt19937 engine(seed);
-  std::uniform_real_distribution<> share(-0.6, 0.6);
-  Vector7 wanted, sent = Vector7::Zero();
-  Pulled most;
-  for (int cycle = 0; cycle < 4000; ++cycle) {
-    if (cycle % 250 == 0) {
-      for (int i = 0; i < 7; ++i) wanted[i] = share(engine) * kLimits.tau_max[i];
-    }
-    gate.pass(arm.cycle, walls, wanted, 0, sent);
-    arm.step(sent);
-    most.speed = std::max(most.speed, (arm.model.jacobian().topRows<3>() * arm.dq).norm());
-    most.power = std::max(most.power, sent.dot(arm.dq));
-    most.joint = std::max(most.joint, arm.dq.cwiseAbs().cwiseQuotient(Vector7::Map(kLimits.dq_max.data())).maxCoeff());
-    most.tau = most.tau.cwiseMax(sent.cwiseAbs());
-  }
-  return most;
-}
-
-TEST(TorqueBounds, the_tool_is_braked_whatever_a_controller_asks_for) {
-  for (const unsigned seed : {1u, 2u, 3u, 4u}) {
-    EXPECT_GT(pulled(Bounds(kLimits), seed).speed, 0.6) << "it would be faster";
-    Bounds bounds(kLimits);
-    bounds.tool_speed = 0.25;
-    EXPECT_LE(pulled(bounds, seed).speed, 0.25) << "seed " << seed;
-  }
-}
-
-TEST(TorqueBounds, joints_keep_to_a_reduced_velocity) {
-  for (const unsigned seed : {1u, 2u, 3u, 4u}) {
-    EXPECT_GT(pulled(Bounds(kLimits), seed).joint, 0.4) << "they would be faster";
-    EXPECT_LE(pulled(Bounds(scaled(0.2, 1, 1)), seed).joint, 0.2) << "seed " << seed;
-  }
-}
-
-TEST(TorqueBounds, a_controller_exerts_no_more_power_or_torque_than_may_be) {
-  for (const unsigned seed : {1u, 2u, 3u, 4u}) {
-    EXPECT_GT(pulled(Bounds(kLimits), seed).power, 40);
-    Bounds bounds(kLimits);
-    bounds.power = 20;
-    EXPECT_LE(pulled(bounds, seed).power, 20) << "seed " << seed;
-    for (double& tau_max : bounds.limits.tau_max) tau_max *= 0.1;
-    const Vector7 tau = pulled(bounds, seed).tau;
-    for (int i = 0; i < 7; ++i) EXPECT_LE(tau[i], 0.1 * kLimits.tau_max[i]) << "seed " << seed << ", joint " << i + 1;
   }
 }
 
