@@ -16,9 +16,7 @@ import collections
 import contextlib
 import json
 import logging
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -56,7 +54,7 @@ from frankapy.sim import program
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests" / "interop"))
 import wire_limits  # noqa: E402
-from peer import simulated_arm  # noqa: E402
+from tapped_server import tapped_server  # noqa: E402
 from wire_tap import WireTap  # noqa: E402
 
 SWITCHES = 10_000
@@ -261,23 +259,11 @@ class Arm:
 @contextlib.contextmanager
 def arm_and_server(robot: str, server: str | Path, keep: Path | None) -> Iterator[Arm]:
     with (
-        simulated_arm(program("fci-sim"), "--ideal", "--lockstep", "--robot", robot) as address,
-        tempfile.TemporaryDirectory() as folder,
+        tapped_server(robot, server) as tapped,
+        FrankaArm(server=tapped.server, with_gripper=False) as fa,
+        FrankaArm(server=tapped.server, with_gripper=False) as other,
     ):
-        tap = WireTap(address, record=True)
-        config = Path(folder) / "arms.toml"
-        config.write_text(f'[[arm]]\nname = "arm"\naddress = "{tap.address}"\nlockstep = true\n')
-        command = [server, "--config", config, "--port", "0"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
-            try:
-                where = process.stdout.readline().split("tcp://")[1].strip()
-                with (
-                    FrankaArm(server=where, with_gripper=False) as fa,
-                    FrankaArm(server=where, with_gripper=False) as other,
-                ):
-                    yield Arm(robot, tap, fa, other, keep)
-            finally:
-                process.terminate()
+        yield Arm(robot, tapped.tap, fa, other, keep)
 
 
 def run(robot: str, server: str | Path, batches: range, keep: Path | None, until_found: bool = False) -> int:

@@ -20,7 +20,7 @@ FINISHED = (313, 370)  # offsets in a command: motion_generation_finished, torqu
 class WireTap:
     """Clients find the arm at `address`; one client at a time. A process of its own.
 
-    `record`: keep the datagrams themselves, for recorded().
+    `record`: keep the datagrams themselves, for recorded(); then it is not in a hurry, as for an arm in lockstep.
     """
 
     def __init__(self, arm: str, record: bool = False) -> None:
@@ -64,8 +64,9 @@ class WireTap:
         return udp
 
     def _run(self) -> None:
-        with contextlib.suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
+        if not self._record:
+            with contextlib.suppress(PermissionError):
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
         while not self._stopped.is_set():
             if select.select([self._listener], [], [], 0.1)[0]:
                 client, where = self._listener.accept()
@@ -79,9 +80,11 @@ class WireTap:
     def _pass_on(self, client: socket.socket, arm: socket.socket, host: str) -> None:
         command, number, size, version, states_to = CONNECT.unpack(client.recv(CONNECT.size, socket.MSG_WAITALL))
         arm.sendall(CONNECT.pack(command, number, size, version, self._to_arm.getsockname()[1]))
-        sockets = [self._to_arm, self._to_client, client, arm, self._requests]
+        sockets = [self._to_arm, self._to_client, client, self._requests]
         while not self._stopped.is_set():
-            for each in select.select(sockets, [], [], 0.1)[0]:
+            ready = select.select([*sockets, arm], [], [], 0.1)[0]
+            # Looked at after the others: an answer goes before the state that shows what it says.
+            for each in select.select([arm], [], [], 0)[0] + [one for one in ready if one is not arm]:
                 if each is self._to_arm:
                     datagram = self._to_arm.recv(LARGEST)
                     self._to_client.sendto(datagram, (host, states_to))
