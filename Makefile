@@ -24,7 +24,7 @@ JUNIT := $(CURDIR)/$(BUILD)/junit
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 .PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly types wall wall-20 bench bench-programs \
-	interop interop-lockstep peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
+	interop interop-lockstep safety peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -86,6 +86,11 @@ interop: build $(VENV)/.frankapy ## run independent programs against ours
 
 interop-lockstep: build $(VENV)/.frankapy
 	$(VENV)/bin/python tests/interop/run.py --junit $(JUNIT)/interop.xml --lockstep
+
+# SEED=n: that run again.
+HOURS = 20
+safety: programs $(VENV)/.frankapy ## look for violations of what keeps the arm safe, simulated hours of random skills and mishaps
+	$(VENV)/bin/python tests/safety/campaign.py $(if $(SEED),--seed $(SEED),--hours $(HOURS))
 
 fuzz: fuzz-600 ## send mutated bytes to every parser, under sanitizers, for ten minutes each
 

@@ -1,0 +1,235 @@
+"""Whether a run kept what the campaign asks for: from the truth file, recordings, and datagrams, and by its own geometry.
+
+Kinds of violation:
+  wall        a capsule of the arm was more than 2 mm past a wall, or farther past one that it was in already
+  limit       a command broke a limit of the robot (tests/interop/wire_limits.py), or the robot reports an error nobody provoked
+  joints      a true joint position was outside its range
+  unreported  a call raised something else than frankapy's exceptions, or a skill has no result
+  hung        no answer, an arm that is not ready again, or walls that are gone
+  recording   states, skills or the end of one are missing in the recordings
+"""
+
+import dataclasses
+import itertools
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from frankapy import RigidTransform, proto
+from frankapy.kinematics import DH_PARAMS, HAND_YAW
+from frankapy.recording import Recording
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(REPOSITORY / "tests" / "interop"))
+import wire_limits  # noqa: E402
+
+KINDS = ("wall", "limit", "joints", "unreported", "hung", "recording")
+PAST = 0.002  # m, that a capsule may be past a wall
+ROUNDING = 1e-6  # rad
+IDLE_STEP = 10  # cycles of which one is recorded while the robot holds itself
+NEAR = 0.05  # m; farther away a distance need not be exact
+SEARCHES = 30
+POINTS = 30  # of a capsule
+APART = 3  # joints, from which on the robot minds that links meet
+FLANGE = 8  # its frame, and the number of the hand as a link
+
+
+@dataclasses.dataclass(frozen=True)
+class Violation:
+    """Something that must not be."""
+
+    kind: str
+    text: str
+    event: int | None = None  # during which it was seen
+
+
+@dataclasses.dataclass
+class Standing:
+    """A wall, from and to (excluded) which cycle of the world it certainly stood."""
+
+    wall: proto.Wall
+    begin: int
+    end: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Capsule:
+    """Of the arm, in a frame of frames()."""
+
+    frame: int
+    a: np.ndarray  # m, (3,), the ends of its axis
+    b: np.ndarray
+    radius: float
+
+
+def capsules(with_base: bool = False) -> list[Capsule]:
+    """Those of the arm and the hand that move, or all, from the one place that has them."""
+    text = (REPOSITORY / "models" / "arm.cpp").read_text()
+    (table,) = re.findall(r"kCapsules = \{\{(.*?)\}\};", text, re.DOTALL)
+    rows = re.findall(r"\{(\d), \{([^}]*)\}, '(\w)', ([\d.]+), ([\d.]+)\}", table)
+    found = []
+    for link, centre, axis, radius, length in rows:
+        if int(link) <= 1 and not with_base:  # the base, and what turns about its own axis
+            continue
+        turn = np.eye(3)
+        if int(link) == FLANGE:
+            turn = RigidTransform.z_axis_rotation(HAND_YAW)
+        half = np.eye(3)["xyz".index(axis)] * float(length) / 2
+        middle = np.array([float(x) for x in centre.split(",")])
+        found.append(Capsule(int(link), turn @ (middle - half), turn @ (middle + half), float(radius)))
+    return found
+
+
+def frames(q: np.ndarray) -> np.ndarray:
+    """Frames in the base of many postures (n, 7), rad: the base, joints 1 to 7, the flange; (9, n, 4, 4)."""
+    out = np.tile(np.eye(4), (FLANGE + 1, len(q), 1, 1))
+    for i in range(FLANGE):
+        a, d, alpha, offset = DH_PARAMS[i]
+        theta = (q[:, i] if i < 7 else 0) + offset
+        c, s = np.broadcast_to(np.cos(theta), len(q)), np.broadcast_to(np.sin(theta), len(q))
+        ca, sa = np.cos(alpha), np.sin(alpha)
+        step = np.tile(np.eye(4), (len(q), 1, 1))
+        step[:, 0, 0], step[:, 0, 1], step[:, 0, 3] = c, -s, a
+        step[:, 1, 0], step[:, 1, 1], step[:, 1, 2], step[:, 1, 3] = s * ca, c * ca, -sa, -d * sa
+        step[:, 2, 0], step[:, 2, 1], step[:, 2, 2], step[:, 2, 3] = s * sa, c * sa, ca, d * ca
+        out[i + 1] = out[i] @ step
+    return out
+
+
+def distance(wall: proto.Wall, points: np.ndarray) -> np.ndarray:
+    """From points (n, 3), m in the base, to the surface of a wall; negative inside."""
+    rotation = RigidTransform.rotation_from_quaternion(wall.orientation)
+    at = (points - np.array(wall.position)) @ rotation
+    kind = wall.WhichOneof("shape")
+    if kind == "plane":
+        return at[:, 2]
+    if kind == "sphere":
+        return np.linalg.norm(at, axis=1) - wall.sphere.radius
+    if kind == "capsule":
+        at[:, 2] -= np.clip(at[:, 2], -wall.capsule.length / 2, wall.capsule.length / 2)
+        return np.linalg.norm(at, axis=1) - wall.capsule.radius
+    if kind == "box":
+        beyond = np.abs(at) - np.array(wall.box.size) / 2
+    else:
+        radial = np.linalg.norm(at[:, :2], axis=1) - wall.cylinder.radius
+        beyond = np.stack([radial, np.abs(at[:, 2]) - wall.cylinder.length / 2], axis=1)
+    return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
+
+
+def gap(wall: proto.Wall, capsule: Capsule, at: np.ndarray) -> np.ndarray:
+    """Between a wall and a capsule whose frame (n, 4, 4) is there, m; where that is more than NEAR, at most that."""
+    a = at[:, :3, :3] @ capsule.a + at[:, :3, 3]
+    way = at[:, :3, :3] @ (capsule.b - capsule.a)
+    # From the middle no point of it is farther away than half of its length.
+    out = distance(wall, a + way / 2) - np.linalg.norm(capsule.b - capsule.a) / 2 - capsule.radius
+    near = out < NEAR
+    a, way = a[near], way[near]
+    low, high = np.zeros(len(a)), np.ones(len(a))
+    for _ in range(SEARCHES):  # the distance is convex along a segment
+        left, right = low + (high - low) / 3, high - (high - low) / 3
+        further = distance(wall, a + left[:, None] * way) > distance(wall, a + right[:, None] * way)
+        low, high = np.where(further, left, low), np.where(further, high, right)
+    out[near] = distance(wall, a + ((low + high) / 2)[:, None] * way) - capsule.radius
+    return out
+
+
+def clearance(wall: proto.Wall, q: np.ndarray) -> float:
+    """Least gap between a wall and the arm at a posture (7,), rad; m."""
+    at = frames(q[None])
+    return min(float(gap(wall, capsule, at[capsule.frame])[0]) for capsule in capsules())
+
+
+def self_distance(q: np.ndarray) -> float:
+    """Least distance, within 5 mm, between capsules of the arm at a posture (7,), rad, that are three joints apart; m."""
+    at = frames(q[None])[:, 0]
+    shares = np.linspace(0, 1, POINTS)[:, None]
+    points = []
+    for capsule in capsules(with_base=True):
+        frame = at[capsule.frame]
+        points.append((capsule.a + shares * (capsule.b - capsule.a)) @ frame[:3, :3].T + frame[:3, 3])
+    least = np.inf
+    for (one, of_one), (other, of_other) in itertools.combinations(zip(capsules(with_base=True), points, strict=True), 2):
+        if other.frame - one.frame >= APART:
+            away = np.linalg.norm(of_one[:, None] - of_other[None], axis=2).min() - one.radius - other.radius
+            least = min(least, float(away))
+    return least
+
+
+def judge_walls(truth: np.ndarray, standing: list[Standing]) -> list[Violation]:
+    """No capsule past a wall; of one that was in it when it came, no deeper."""
+    at = frames(truth["q"]) if standing else None
+    found = []
+    for each in standing:
+        rows = np.flatnonzero((truth["cycle"] >= each.begin) & (truth["cycle"] < (each.end or np.inf)))
+        if not len(rows):
+            continue
+        worst: tuple[float, int, int] | None = None
+        for capsule in capsules():
+            depth = -gap(each.wall, capsule, at[capsule.frame][rows])
+            beyond = depth - np.maximum(np.minimum.accumulate(depth), 0)
+            k = int(beyond.argmax())
+            if beyond[k] > PAST and (worst is None or beyond[k] > worst[0]):
+                worst = float(beyond[k]), capsule.frame, int(truth["cycle"][rows[k]])
+        if worst is not None:
+            link = "hand" if worst[1] == FLANGE else f"link {worst[1]}"
+            name = f"{each.wall.WhichOneof('shape')} {each.wall.name!r}"
+            found.append(Violation("wall", f"{link} {1e3 * worst[0]:.1f} mm past {name} in cycle {worst[2]}"))
+    return found
+
+
+def judge_joints(truth: np.ndarray, limits: wire_limits.Limits) -> list[Violation]:
+    """Each true joint position in its range."""
+    beyond = np.maximum(truth["q"] - limits.q[1], limits.q[0] - truth["q"])
+    worst = np.unravel_index(beyond.argmax(), beyond.shape)
+    if beyond[worst] <= ROUNDING:
+        return []
+    cycle = truth["cycle"][worst[0]]
+    return [Violation("joints", f"joint {worst[1] + 1} is {beyond[worst]:.2g} rad outside its range in cycle {cycle}")]
+
+
+def _lacks(cycles: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """Whether something is missing behind each state but the last: one state in IDLE_STEP is there of an idle arm."""
+    steps = np.diff(cycles)
+    moving = np.isin(phase, [proto.STARTING, proto.RUNNING, proto.HOLDING, proto.BRAKING])
+    in_motion = moving[:-1] & (phase[1:] != proto.READY)
+    at_ten = (cycles[1:] - 1) // IDLE_STEP > cycles[:-1] // IDLE_STEP
+    return (steps != 1) & (in_motion | at_ten | (steps < 1))
+
+
+def judge_recordings(folder: Path, skills: list[int], processes: int) -> list[Violation]:
+    """Every cycle, every skill and its end, and each crash: of `processes` of the arm that ran one after another.
+
+    `skills`: those that the last of them has started.
+    """
+    recordings = [Recording(path) for path in sorted(folder.glob("*/*-all*.mcap"))]
+    if not recordings:
+        return [Violation("recording", "there is none")]
+    found = []
+    crashes = len(list(folder.glob("*/*-crash-*.mcap")))
+    if crashes < processes - 1:
+        found.append(Violation("recording", f"{crashes} of {processes - 1} crashes"))
+    whole = [recording for recording in recordings if recording.complete]
+    if not whole:
+        found.append(Violation("recording", f"none of {len(recordings)} has its end"))
+    started: set[int] = set()
+    ended: set[int] = set()
+    for recording in recordings:
+        states = recording.states
+        if int(recording.about.get("lost", "0")):
+            found.append(Violation("recording", f"{recording.about['lost']} states lost"))
+        if len(recording):
+            missing = np.flatnonzero(_lacks(states["cycles"], states["phase"]))
+            if len(missing):
+                after, then = states["cycles"][missing[0] : missing[0] + 2]
+                found.append(Violation("recording", f"cycles after {after} and before {then} are missing"))
+        of_file = {what: {event.skill_id for _, event in recording.skills if event.HasField(what)} for what in ("started", "ended")}
+        if recording.complete or processes == 1:
+            started |= of_file["started"]
+            ended |= of_file["ended"]
+    if lacking := started - ended:
+        found.append(Violation("recording", f"no end of skills {sorted(lacking)}"))
+    if lacking := set(skills) - started:
+        found.append(Violation("recording", f"nothing of skills {sorted(lacking)}"))
+    return found
