@@ -51,6 +51,7 @@ SETTINGS = "[arm.collision]\n" + "".join(
 MEETS_ITSELF = "self_collision_avoidance_violation"
 NEAR_ITSELF = 0.04  # m; motions keep 0.031
 MET = {MEETS_ITSELF, "tau_j_range_violation", "joint_reflex", "cartesian_reflex"}
+TOUCH = 10, 5  # N, N m, felt by an arm at rest that leans on something
 VICTIM = """
 import json, sys, time
 from frankapy import FrankaArm
@@ -103,8 +104,11 @@ class Player:
             pose = RigidTransform(matrix[:3, :3], matrix[:3, 3])
             draw = Draw(event.seed, self._limits.q, np.array(state.q), pose)
             self._say(event.kind)
-            if self_distance(draw.q) < NEAR_ITSELF:  # where it was led; the robot minds each step nearer
+            # Where it was led: the robot minds each step nearer, and what it touches may be in the way.
+            if self_distance(draw.q) < NEAR_ITSELF:
                 self._expected.add(MEETS_ITSELF)
+            if np.linalg.norm(state.O_F_ext_hat_K[:3]) > TOUCH[0] or np.abs(state.tau_ext_hat_filtered).max() > TOUCH[1]:
+                self._expected |= MET
             with self._watched(event.kind):
                 getattr(self, f"_{event.kind}")(draw)
                 self._settle(judged=event.kind != "loss")
