@@ -229,7 +229,7 @@ def main() -> int:
     if bad and not options.no_shrink and options.events is None:
         print("Which events does the first of them need?", file=sys.stderr)
         places = campaign.shrink(*bad[0])
-        needed = " ".join(map(str, places))
+        needed = " ".join(map(str, places)) + (f" --server {options.server}" if options.server else "")
         print(f"these: .venv/bin/python tests/safety/campaign.py --seed {bad[0][0].seed} --events {needed}")
     return 1 if bad else 0
 
