@@ -31,7 +31,8 @@ proto::ChangeWalls put(const proto::Wall& wall) {
 
 std::vector<std::string> names(const WallStore& store) {
   std::vector<std::string> names;
-  for (const auto& wall : store.list().walls()) names.push_back(wall.name());
+  const proto::Walls walls = store.list();
+  for (const proto::Wall& wall : walls.walls()) names.push_back(wall.name());
   return names;
 }
 
