@@ -17,7 +17,7 @@ import numpy as np
 
 from frankapy import cli_imitation, cli_status, parts
 from frankapy.cli_status import TITLES
-from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE
+from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE, Connection
 from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
 from frankapy.recording import Recording

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from frankapy.franka_arm import FrankaArm
+    from frankapy.limits import Limits
 
 Kind = Literal["joint", "position", "pose"]
 _KINDS = ("joint", "position", "pose")
@@ -178,7 +179,7 @@ class Primitive:
         goal: Any = None,
         duration: float | None = None,
         sensor_values: Any = None,
-        limits: proto.JointLimits | None = None,
+        limits: Limits | None = None,
     ) -> Figure:
         """Draw what `part` of the same arguments commands over what it was learned from. Needs matplotlib.
 

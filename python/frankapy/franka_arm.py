@@ -47,7 +47,7 @@ from frankapy.sensors import SensorPublisher
 from frankapy.skill import any_of, make_skill
 from frankapy.states import StateReader, StateStream
 from frankapy.utils import franka_pose_to_rigid_transform
-from frankapy.validation import checks_flags, number, table, validate, vector, whole
+from frankapy.validation import checks_flags, number, table, text, validate, vector, whole
 from frankapy.walls import Walls
 
 logger = logging.getLogger("frankapy")
@@ -764,7 +764,7 @@ class FrankaArm:
             >>> for kind in fa.kinds("controller"):
             ...     print(kind.name, list(kind.fits))
         """
-        if role not in (None, "trajectory", "controller", "termination"):
+        if role is not None and text("role", role, 100) not in ("trajectory", "controller", "termination"):
             raise FrankaArmArgumentError(f"role is {role!r}: expected trajectory, controller, termination or None")
         return describe(role, None if self._connection is None else self._connection.current_welcome().loaded)
 
