@@ -47,7 +47,7 @@ GATE = [
     Stage("test-cpp", 240, tries=2),
     Stage("test-python", 420, tries=2),
     Stage("types", 120),
-    Stage("interop-lockstep", 180, tries=2),
+    Stage("interop-lockstep", 240, tries=2),
     Stage("demo-lockstep", 120, tries=2),
     Stage("asan", 700, tries=2),
     Stage("tsan", 500, tries=2),

@@ -22,13 +22,13 @@ from frankapy.exceptions import (
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
 )
+from frankapy.franka_constants import FrankaConstants as FC
 from frankapy.validation import whole
 
 SERVER_VARIABLE = "FRANKA_INTERFACE_SERVER"
 DEFAULT_PORT = 5757
 DEFAULT_SERVER = f"127.0.0.1:{DEFAULT_PORT}"
 
-READY_TIME = 10.0  # s that an arm may need to recover
 
 _ASK_AGAIN = 0.5  # s
 _START_TIME = 10.0  # s that an arm's process may need to be ready
@@ -242,11 +242,13 @@ class Connection:
         """Return the newest state that the arm's process knows."""
         return self.ask(proto.Request(get_state=proto.GetState())).state
 
-    def wait_until_ready(self, timeout: float = READY_TIME, recover: bool = True) -> None:
+    def wait_until_ready(self, timeout: float | None = None, recover: bool = True) -> None:
         """Wait until the arm can move; one in error is told to recover, or is taken as it is.
 
-        Raises FrankaArmCommException when it cannot move after `timeout` (s), with the reason.
+        Raises FrankaArmCommException when it cannot move after `timeout` (s; None: DEFAULT_FRANKA_INTERFACE_TIMEOUT of
+        FrankaConstants), with the reason.
         """
+        timeout = FC.DEFAULT_FRANKA_INTERFACE_TIMEOUT if timeout is None else timeout
         deadline = time.monotonic() + timeout
         while True:
             try:

@@ -152,7 +152,7 @@ class FrankaArm:
 
         `timeout` in s; None is 10 s. Raises FrankaArmCommException when it cannot move by then, with the reason.
         """
-        timeout = FC.DEFAULT_FRANKA_INTERFACE_TIMEOUT if timeout is None else number("timeout", timeout)
+        timeout = None if timeout is None else number("timeout", timeout)
         if self._connection is not None:
             self._connection.wait_until_ready(timeout)
 

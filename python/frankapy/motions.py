@@ -71,6 +71,7 @@ class MotionSequence:
         self.blend = blend
         self.motions: list[tuple[Motion, bool]] = []
 
+
 class Motions:
     """What this client moves; of a client without a server nothing, which it says."""
 
