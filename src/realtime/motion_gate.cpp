@@ -109,7 +109,8 @@ void MotionGate::share_tool_speed(const Reference& wanted) noexcept {
 // One step, and what held it back. One that would be beyond the bounds is made by joints that are slowed; where that does not do,
 // all are braked.
 HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference) noexcept {
-  const double before = tool_speed() + kNoFaster, fastest = kBoundShare * bounds_.tool_speed;
+  const double before = std::isfinite(bounds_.tool_speed) ? tool_speed() + kNoFaster : 0;
+  const double fastest = kBoundShare * bounds_.tool_speed;
   share_tool_speed(wanted);
   bool limited = limiter_.follow(wanted, kTick, reference);
   slowed_ &= limited;

@@ -113,9 +113,10 @@ void WallStore::put(const proto::Wall& wall, std::map<std::string, Entry>& into,
 
 void WallStore::change(const proto::ChangeWalls& change) {
   const auto entries = entries_;
+  const std::string kept = of_clients(true).SerializeAsString();
   apply(change);
   try {
-    save(file_, of_clients(true));
+    if (const proto::Walls keep = of_clients(true); keep.SerializeAsString() != kept) save(file_, keep);
     save(fd_, of_clients(false));
   } catch (...) {
     entries_ = entries;

@@ -1,14 +1,17 @@
 """Simulated arms with servers for the tests: in lockstep."""
 
+import os
+import signal
 import subprocess
 import time
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from frankapy import FrankaArm, FrankaConstants
+from frankapy import FrankaArm, FrankaArmException, FrankaConstants
 from frankapy.sim import SimulatedArm, Simulation, die_with_parent, read_truth
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -83,6 +86,21 @@ def server_processes(simulation: Simulation) -> list[int]:
     supervisor = simulation.processes[-1]
     children = Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split()
     return [supervisor, *map(int, children)]
+
+
+@contextmanager
+def client_after_crash(arm: Arm) -> Iterator[FrankaArm]:
+    """Kill the process of an arm, and give a client of the one that takes its place once that is ready."""
+    os.kill(server_processes(arm.simulation)[1], signal.SIGKILL)
+    again = None
+    for _ in range(150):
+        with suppress(FrankaArmException):
+            again = arm.client()
+            break
+        time.sleep(0.2)
+    with again:
+        again.wait_for_franka_interface(30)
+        yield again
 
 
 def starting(request, tmp_path_factory):

@@ -1,15 +1,11 @@
 """Limits that are reduced while the server runs: what is refused, and what the truth then says of speed, torque and power."""
 
-import contextlib
-import os
-import signal
-import time
 
 import numpy as np
 import pytest
-from conftest import FASTEST, HOME, server_processes
+from conftest import FASTEST, HOME, client_after_crash
 
-from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmException, proto
+from frankapy import FrankaArmArgumentError, FrankaArmBusyException, proto
 from frankapy.limits import BODY_REGIONS, contact_speed
 from frankapy.parts import CartesianImpedance, InternalImpedance, JointImpedance, JointWaypoints, MinJerkJoint, Never, StreamJoint, StreamPose
 
@@ -178,15 +174,7 @@ def test_a_shared_space_is_as_slow_as_its_most_delicate_part(limited):
 
 def test_limits_outlive_the_process_of_their_arm(limited, ideal_arm):
     limited.limits.tool_speed = 0.2
-    os.kill(server_processes(ideal_arm.simulation)[1], signal.SIGKILL)
-    again = None
-    for _ in range(150):
-        with contextlib.suppress(FrankaArmException):
-            again = ideal_arm.client()
-            break
-        time.sleep(0.2)
-    with again:
-        again.wait_for_franka_interface(30)
+    with client_after_crash(ideal_arm) as again:
         assert again.limits.tool_speed == 0.2
         first = ideal_arm.cycle()
         again.goto_joints(ASIDE, 0.5)

@@ -1,15 +1,12 @@
 """Virtual walls: what they refuse, and that nothing goes through them."""
 
 import contextlib
-import os
-import signal
-import time
 
 import numpy as np
 import pytest
-from conftest import HOME, server_processes
+from conftest import HOME, client_after_crash
 
-from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaArmException, RigidTransform, proto
+from frankapy import FrankaArmArgumentError, FrankaArmBusyException, RigidTransform, proto
 from frankapy.cli import main
 from frankapy.parts import CartesianImpedance, FreeDrive, JointImpedance, MinJerkJoint, Never, StayJoint, StreamJoint, StreamPose, Time
 from frankapy.walls import Box, Capsule, Cylinder, Plane, Sphere
@@ -163,15 +160,7 @@ def test_a_wall_comes_while_a_skill_runs(walled, ideal_arm):
 
 def test_walls_outlive_the_process_of_their_arm(walled, ideal_arm):
     walled.walls.add("glass", WALL)
-    os.kill(server_processes(ideal_arm.simulation)[1], signal.SIGKILL)
-    again = None
-    for _ in range(150):
-        with contextlib.suppress(FrankaArmException):
-            again = ideal_arm.client()
-            break
-        time.sleep(0.2)
-    with again:
-        again.wait_for_franka_interface(30)
+    with client_after_crash(ideal_arm) as again:
         assert list(again.walls) == ["glass"]
         with pytest.raises(FrankaArmArgumentError, match='wall "glass"'):
             again.goto_joints(LEFT, ignore_virtual_walls=True)

@@ -2,11 +2,10 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <functional>
-#include <iterator>
 
 #include "raw_client.hpp"
+#include "truth.hpp"
 
 namespace {
 
@@ -31,15 +30,8 @@ std::string refusal(const std::function<void()>& call) {
 
 // A truth file's rows, without their first column, which counts cycles.
 std::vector<std::string> rows_of(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  const std::string bytes{std::istreambuf_iterator<char>(file), {}};
-  std::uint16_t header = 0;
-  std::memcpy(&header, bytes.data() + 8, sizeof header);
-  const std::string description = bytes.substr(10, header);
-  const std::size_t count = std::stoul(description.substr(description.find("'shape': (") + 10));
-  const std::size_t size = (bytes.size() - 10 - header) / count;
-  std::vector<std::string> rows;
-  for (std::size_t i = 0; i < count; ++i) rows.push_back(bytes.substr(10 + header + i * size + 8, size - 8));
+  std::vector<std::string> rows = read_rows(path);
+  for (std::string& row : rows) row.erase(0, sizeof(TruthRow::cycle));
   return rows;
 }
 

@@ -29,7 +29,8 @@ namespace realtime {
 // robot does not know leave of e. With it a mode of damping d, x'' + d x' + w² x + r w² (the sum of x dt) = 0, is stable if and
 // only if r < d (Routh): r is at most a quarter of the least damped mode's d, its motors counted. i does not grow while another
 // torque leaves than this law asks for (limits, walls, what fades at a start), and begins with what the torque before exerts
-// beyond K e, as far as that goes. The posture that a skill may ask for is its reference's (PoseJoints): so the gate knows where the elbow is led.
+// beyond K e, as far as that goes. The posture that a skill may ask for is its reference's (PoseJoints): so the gate knows where
+// the elbow is led.
 class CartesianImpedance : public Controller {
  public:
   enum class Frame { kBase, kEndEffector };
