@@ -1,0 +1,366 @@
+#include "server/skills.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <utility>
+
+#include "server/convert.hpp"
+#include "server/publisher.hpp"
+#include "server/recorder.hpp"
+#include "server/refused.hpp"
+#include "server/registry.hpp"
+#include "server/sensor_hub.hpp"
+
+namespace server {
+namespace {
+
+constexpr std::size_t kMaxResults = 256;  // remembered
+constexpr std::size_t kMaxQueue = 256;
+
+std::vector<std::string> kinds_of(const proto::Skill& skill) {
+  std::vector<std::string> kinds;
+  for (const auto& any : skill.terminations()) kinds.push_back(kind_of(any));
+  return kinds;
+}
+
+std::vector<std::shared_ptr<realtime::SensorInput>> sensor_inputs(
+    const realtime::TrajectoryGenerator& trajectory, const realtime::Controller& controller,
+    const std::vector<std::unique_ptr<realtime::Termination>>& terminations) {
+  auto all = trajectory.sensor_inputs();
+  const auto add = [&all](const realtime::Part& part) {
+    for (auto& input : part.sensor_inputs()) all.push_back(std::move(input));
+  };
+  add(controller);
+  for (const auto& termination : terminations) add(*termination);
+  return all;
+}
+
+// What a person should know of an arm that has ended its motion elsewhere; empty where that is near.
+std::string explain(const realtime::Left& left) {
+  constexpr double kFarJoint = 0.05, kFar = 0.02, kFarAngle = 0.1;  // rad, m, rad: more than friction and a load leave
+  std::string how;
+  if (left.joints.value_or(0) > kFarJoint) how = fmt::format("{:.2f} rad", *left.joints);
+  if (left.position.value_or(0) > kFar || left.angle.value_or(0) > kFarAngle) {
+    how = fmt::format("{:.0f} mm and {:.2f} rad", 1e3 * *left.position, *left.angle);
+  }
+  if (how.empty()) return {};
+  return "the arm came to rest " + how +
+         " away from its goal: does something hold it, do limits keep it from there, or are its gains too low?";
+}
+
+}  // namespace
+
+Skills::Skills(realtime::Door& door, Publisher& publisher, SensorHub& sensors, Recorder& recorder, ConnectedArm& arm, Clients& clients,
+               Answers& answers, ClientJobs& jobs)
+    : door_(door),
+      publisher_(publisher),
+      sensors_(sensors),
+      recorder_(recorder),
+      arm_(arm),
+      clients_(clients),
+      answers_(answers),
+      jobs_(jobs) {}
+
+Skills::~Skills() { take_results(); }
+
+void Skills::start(const Address& from, proto::Request& request, std::uint64_t id) {
+  auto build = std::make_shared<Build>();
+  const Before before = this->before(from, request.start_skill());
+  build->from = from;
+  build->connection = arm_.require();
+  build->message.Swap(request.mutable_start_skill()->mutable_skill());
+  build->skill_id = id;
+  if (before.queued) build->after = running_.at(request.start_skill().after()).goal;
+  build->request = std::move(request);
+  put_on_workbench(std::move(build), &Skills::begin);
+}
+
+// Throws Refused where a skill of this client cannot be started now.
+Skills::Before Skills::before(const Address& from, const proto::StartSkill& start) const {
+  clients_.require_lease(from);
+  const realtime::Record now = require_state();
+  if (now.phase == realtime::Phase::kError) {
+    throw Refused(proto::Error::NOT_READY,
+                  fmt::format("the robot takes no motion: {}. Clear what caused it, then recover", errors_of(now.state)));
+  }
+  if (now.phase == realtime::Phase::kRecovering) {
+    throw Refused(proto::Error::NOT_READY, "the robot is recovering from an error: wait until that is done");
+  }
+  const std::uint64_t last = !running_.empty() && running_.rbegin()->second.starter.client == from.client
+                                 ? running_.rbegin()->first
+                                 : 0;  // of this client's skills
+  const std::uint64_t after = start.after();
+  const auto ended = results_.find(after);
+  if (after != 0 && start.preempt()) {
+    throw Refused(proto::Error::INVALID_ARGUMENT, "StartSkill has preempt and after: expected one of the two");
+  }
+  if (after != 0 && after != last && ended == results_.end()) {
+    throw Refused(proto::Error::INVALID_ARGUMENT,
+                  fmt::format("StartSkill.after = {}: expected the last skill of this client{}", after,
+                              last != 0 ? fmt::format(", {}", last) : ""));
+  }
+  if (last != 0 && after != last && !start.preempt()) {
+    throw Refused(proto::Error::BUSY, fmt::format("skill {} of this client still runs: wait for it, stop it, preempt it or "
+                                                  "queue behind it",
+                                                  last));
+  }
+  if (queue_.size() >= kMaxQueue) {
+    throw Refused(proto::Error::BUSY, fmt::format("{} skills are queued already: wait for one to end", queue_.size()));
+  }
+  const bool queued = after != 0 && after == last;
+  return {queued, !queued && after != 0 && ended->second.ending() != proto::TERMINATED};
+}
+
+// One that is built. Meanwhile another client may have taken the lease, or the skill before it may have ended.
+void Skills::begin(Build& build) {
+  const Address& from = build.from;
+  const proto::StartSkill& start = build.request.start_skill();
+  const Before before = this->before(from, start);
+  clients_.take_lease(from);
+  auto skill = std::move(build.skill);
+  const std::uint64_t id = skill->id = build.skill_id;
+  if (before.queued) skill->after = start.after();
+  skill->blend = start.blend();
+  publisher_.describe(id, build.message.description());
+  proto::SkillEvent event;
+  event.mutable_started()->Swap(&build.message);
+  note(event, id, from);
+  Running running{from, kinds_of(event.started()), skill->trajectory->goal(), std::move(*event.mutable_started()), skill->mode,
+                  skill->settings};
+  if (!before.queued) cancel_queue(realtime::Ending::kPreempted);
+  running_.emplace(id, std::move(running));
+  sensors_.bind(id, sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations), before.queued);
+  std::unique_ptr<realtime::Skill> unread;
+  if (before.queued) {
+    queue_.push_back(std::move(skill));
+    hand_on_queued();
+  } else if (!before.cancelled) {
+    unread = door_.next.put(std::move(skill));
+  }
+  proto::Reply reply;
+  reply.mutable_skill_started()->set_skill_id(id);
+  answers_.send(from, reply);
+  if (before.cancelled) end({.skill_id = id, .ending = realtime::Ending::kCancelled});
+  if (unread) end({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});
+}
+
+// What the running skill is with other parts, of which only these are handed to the loop.
+void Skills::change(const Address& from, proto::Request& request) {
+  auto build = std::make_shared<Build>();
+  build->from = from;
+  build->message = changed(from, request.change_skill());
+  build->connection = arm_.require();
+  build->path = request.change_skill().has_trajectory();
+  build->request = std::move(request);
+  put_on_workbench(std::move(build), &Skills::begin_change);
+}
+
+// What the skill is then. Throws Refused where it cannot be changed now.
+proto::Skill Skills::changed(const Address& from, const proto::ChangeSkill& change) const {
+  clients_.require_lease(from);
+  require_state();
+  const auto running = running_.find(change.skill_id());
+  if (running == running_.end() || running->second.starter.client != from.client) {
+    throw Refused(proto::Error::INVALID_ARGUMENT,
+                  fmt::format("ChangeSkill.skill_id = {}: no skill of this client that runs", change.skill_id()));
+  }
+  if (!change.has_trajectory() && !change.has_controller() && change.terminations().empty()) {
+    throw Refused(proto::Error::INVALID_ARGUMENT, "ChangeSkill changes nothing: expected trajectory, controller or terminations");
+  }
+  if (changing_) throw Refused(proto::Error::BUSY, "another change of this skill is on its way: wait for its answer");
+  proto::Skill message = running->second.message;
+  message.clear_start_time();
+  message.set_robot_controller(name_of(running->second.mode));
+  if (change.has_trajectory()) *message.mutable_trajectory() = change.trajectory();
+  if (change.has_controller()) *message.mutable_controller() = change.controller();
+  if (!change.terminations().empty()) *message.mutable_terminations() = change.terminations();
+  return message;
+}
+
+void Skills::begin_change(Build& build) {
+  const proto::ChangeSkill& change = build.request.change_skill();
+  changed(build.from, change);
+  const Running& running = running_.at(change.skill_id());
+  realtime::Skill& skill = *build.skill;
+  if (!(skill.settings == running.settings)) {
+    throw Refused(proto::Error::INVALID_ARGUMENT,
+                  "the robot takes other settings (its own stiffness) at rest only: preempt the skill instead");
+  }
+  auto parts = std::make_unique<realtime::Change>();
+  parts->skill_id = change.skill_id();
+  parts->numbers = skill.numbers;
+  changing_ = Changing{build.from, change.skill_id(), std::move(build.message), running.goal, {}};
+  const auto listen = [this](const realtime::Part& part) {
+    for (auto& input : part.sensor_inputs()) changing_->inputs.push_back(std::move(input));
+  };
+  if (change.has_trajectory()) {
+    changing_->goal = skill.trajectory->goal();
+    listen(*skill.trajectory);
+    parts->trajectory = std::move(skill.trajectory);
+  }
+  if (change.has_controller()) {
+    listen(*skill.controller);
+    parts->controller = std::move(skill.controller);
+  }
+  if (!change.terminations().empty()) {
+    for (const auto& termination : skill.terminations) listen(*termination);
+    parts->terminations = std::move(skill.terminations);
+    parts->changes_terminations = true;
+  }
+  sensors_.bind(change.skill_id(), changing_->inputs, false);
+  door_.change.put(std::move(parts));
+}
+
+// Builds it there, and goes on with it here, where the robot is the same still.
+void Skills::put_on_workbench(std::shared_ptr<Build> build, void (Skills::*go_on)(Build&)) {
+  const Address from = build->from;
+  jobs_.put(
+      from,
+      [this, build] {
+        SkillBuilder& builder = *build->connection.builder;
+        const auto& walls = *build->connection.walls;
+        builder.keep_from(std::make_unique<realtime::Walls>(walls.walls), walls.names);
+        builder.keep_to(build->connection.limits);
+        build->skill = builder.build(build->message, require_state(), build->after ? &*build->after : nullptr, build->path);
+      },
+      [this, build, go_on] {
+        clients_.known(build->from);
+        if (arm_.require().builder != build->connection.builder) {
+          throw Refused(proto::Error::NOT_READY, "the robot was connected anew meanwhile: try again");
+        }
+        (this->*go_on)(*build);
+      });
+}
+
+void Skills::take_changes() {
+  while (realtime::Change* const* front = door_.changed.front()) {
+    const std::unique_ptr<realtime::Change> change(*front);
+    door_.changed.pop();
+    if (!changing_) continue;
+    const Changing changing = std::move(*changing_);
+    changing_.reset();
+    if (!change->done) {
+      answers_.send_error(changing.from, proto::Error::NOT_READY,
+                          fmt::format("skill {} has ended: it was not changed", changing.skill));
+      continue;
+    }
+    if (const auto running = running_.find(changing.skill); running != running_.end()) {
+      running->second.message = changing.message;
+      running->second.terminations = kinds_of(changing.message);
+      running->second.goal = changing.goal;
+      proto::SkillEvent event;
+      *event.mutable_changed() = running->second.message;
+      note(event, changing.skill, changing.from);
+    }
+    answers_.send_done(changing.from);
+  }
+}
+
+void Skills::hand_on_queued() {
+  if (queue_.empty() || !door_.queued.empty()) return;
+  door_.queued.put(std::move(queue_.front()));
+  queue_.pop_front();
+}
+
+// Those that the loop has not taken yet.
+void Skills::cancel_queue(realtime::Ending ending) {
+  auto queue = std::exchange(queue_, {});
+  if (realtime::Skill* skill = door_.queued.take()) queue.emplace_front(skill);
+  for (const auto& skill : queue) end({.skill_id = skill->id, .ending = ending});
+}
+
+void Skills::stop(const Address& from) {
+  door_.stop_up_to.store(last_skill_);
+  cancel_queue(realtime::Ending::kStopped);
+  answers_.send_done(from);
+}
+
+void Skills::tell_status(const Address& from, std::uint64_t id) {
+  if (running_.contains(id)) return answers_.send_done(from);
+  const auto result = results_.find(id);
+  if (result == results_.end()) {
+    throw Refused(proto::Error::INVALID_ARGUMENT,
+                  fmt::format("SkillStatus.skill_id = {}: no such skill among the last {}", id, kMaxResults));
+  }
+  proto::Reply reply;
+  *reply.mutable_skill_result() = result->second;
+  answers_.send(from, reply);
+}
+
+void Skills::take_results() {
+  while (const realtime::SkillResult* result = door_.results.front()) {
+    // Whoever is told of the end reads a state that knows of it.
+    if (result->record && *result->record >= door_.records.written()) break;
+    take_changes();  // that came before it
+    end(*result);
+    door_.results.pop();
+  }
+  while (realtime::Skill* const* skill = door_.retired.front()) {
+    delete *skill;
+    door_.retired.pop();
+  }
+}
+
+void Skills::end(const realtime::SkillResult& result) {
+  const auto running = running_.find(result.skill_id);
+  if (running == running_.end()) return;
+  proto::Reply reply;
+  auto& out = *reply.mutable_skill_result();
+  convert(result, out);
+  const auto& terminations = running->second.terminations;
+  if (result.termination >= 0 && result.termination < static_cast<int>(terminations.size())) {
+    out.set_termination(terminations[result.termination]);
+    out.set_termination_index(result.termination);
+  }
+  if (result.wall != 0) out.set_wall(arm_.wall_name(result.wall));
+  if (out.ending() == proto::TERMINATED && (out.termination().empty() || out.termination() == "Time")) {
+    out.set_message(explain(result.left));
+  }
+  realtime::Record record;
+  if (result.record && door_.records.read(*result.record, record)) {
+    *out.mutable_last_state() = publisher_.state(record);
+  } else if (const auto newest = publisher_.newest()) {
+    *out.mutable_last_state() = publisher_.state(*newest);
+  }
+  if (!out.message().empty()) spdlog::warn("skill {}: {}", result.skill_id, out.message());
+  sensors_.release(result.skill_id);  // what is published by who then knows of the end is for the next
+  answers_.send(running->second.starter, reply);
+  if (result.ending == realtime::Ending::kComponentFault) recorder_.keep("component-fault");
+  proto::SkillEvent event;
+  *event.mutable_ended() = reply.skill_result();
+  event.mutable_ended()->clear_last_state();
+  note(event, result.skill_id, running->second.starter);
+  results_[result.skill_id] = std::move(*reply.mutable_skill_result());
+  if (results_.size() > kMaxResults) results_.erase(results_.begin());
+  running_.erase(running);
+  if (result.ending != realtime::Ending::kTerminated && !queue_.empty() && queue_.front()->after == result.skill_id) {
+    cancel_queue(realtime::Ending::kCancelled);
+  }
+}
+
+void Skills::abandon(const std::string& why) {
+  take_results();
+  queue_.clear();
+  delete door_.next.take();
+  delete door_.queued.take();
+  delete door_.change.take();
+  if (changing_) answers_.send_error(changing_->from, proto::Error::NOT_READY, why);
+  changing_.reset();
+  while (!running_.empty()) {
+    end({.skill_id = running_.begin()->first, .ending = realtime::Ending::kConnectionLost});
+  }
+}
+
+realtime::Record Skills::require_state() const {
+  const auto now = publisher_.newest();
+  if (!now) throw Refused(proto::Error::NOT_READY, "no state of the robot yet: try again");
+  return *now;
+}
+
+void Skills::note(proto::SkillEvent& event, std::uint64_t skill, const Address& from) {
+  event.set_skill_id(skill);
+  if (const std::string name = clients_.name(from); !name.empty()) event.set_client(name);
+  recorder_.box().journal.note("/skills", event.GetTypeName(), event.SerializeAsString());
+}
+
+}  // namespace server

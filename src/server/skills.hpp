@@ -1,0 +1,113 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "frankapy/proto/service.pb.h"
+#include "realtime/door.hpp"
+#include "server/answers.hpp"
+#include "server/client_jobs.hpp"
+#include "server/clients.hpp"
+#include "server/connected_arm.hpp"
+
+namespace server {
+
+class Publisher;
+class Recorder;
+class SensorHub;
+
+// The skills of an arm from request to result: built on the workbench, queued, handed through the door, changed, ended; and what
+// their clients are told of that.
+class Skills {
+ public:
+  Skills(realtime::Door& door, Publisher& publisher, SensorHub& sensors, Recorder& recorder, ConnectedArm& arm, Clients& clients,
+         Answers& answers, ClientJobs& jobs);
+  ~Skills();
+
+  // For a request that may start one: ids grow in the order of arrival, so that a Stop stops all that came before it.
+  std::uint64_t next_id() { return ++last_skill_; }
+
+  // Requests of clients; each is answered, or throws Refused.
+  void start(const Address& from, frankapy::proto::Request& request, std::uint64_t id);
+  void change(const Address& from, frankapy::proto::Request& request);
+  void stop(const Address& from);
+  void tell_status(const Address& from, std::uint64_t id);
+
+  // Whether something of the loop is waited for.
+  bool busy() const { return !running_.empty() || changing_; }
+  bool any_run() const { return !running_.empty(); }
+  // What has come from the loop, and what goes there next.
+  void take_results();
+  void take_changes();
+  void hand_on_queued();
+  // The loop is gone: what is still at the door or waited for will not be answered by it.
+  void abandon(const std::string& why);
+
+  // The loop's newest state. Throws Refused where there is none yet.
+  realtime::Record require_state() const;
+
+ private:
+  struct Running {
+    Address starter;
+    std::vector<std::string> terminations;  // kinds
+    realtime::Reference goal;               // of its trajectory
+    frankapy::proto::Skill message;
+    robot::Mode mode;
+    robot::Settings settings;
+  };
+  struct Changing {
+    Address from;
+    std::uint64_t skill = 0;
+    frankapy::proto::Skill message;  // what the skill then is
+    realtime::Reference goal;
+    std::vector<std::shared_ptr<realtime::SensorInput>> inputs;
+  };
+
+  // A skill on the workbench, and what it is for.
+  struct Build {
+    Address from;
+    frankapy::proto::Request request;  // without the skill
+    ConnectedArm::Connection connection;
+    frankapy::proto::Skill message;  // what the skill is, or will be
+    std::uint64_t skill_id = 0;
+    std::optional<realtime::Reference> after;  // the end of the one before, where that is queued behind
+    bool path = true;
+    std::unique_ptr<realtime::Skill> skill;
+  };
+  // What a skill to start finds before it.
+  struct Before {
+    bool queued = false;     // it waits for a skill that runs
+    bool cancelled = false;  // the skill that it was to wait for did not end by itself
+  };
+
+  Before before(const Address& from, const frankapy::proto::StartSkill& start) const;
+  void begin(Build& build);
+  frankapy::proto::Skill changed(const Address& from, const frankapy::proto::ChangeSkill& change) const;
+  void begin_change(Build& build);
+  void put_on_workbench(std::shared_ptr<Build> build, void (Skills::*go_on)(Build&));
+  void cancel_queue(realtime::Ending ending);
+  void end(const realtime::SkillResult& result);
+  void note(frankapy::proto::SkillEvent& event, std::uint64_t skill, const Address& from);
+
+  realtime::Door& door_;
+  Publisher& publisher_;
+  SensorHub& sensors_;
+  Recorder& recorder_;
+  ConnectedArm& arm_;
+  Clients& clients_;
+  Answers& answers_;
+  ClientJobs& jobs_;
+
+  std::uint64_t last_skill_ = 0;
+  std::map<std::uint64_t, Running> running_;  // by id; those that are queued as well
+  std::deque<std::unique_ptr<realtime::Skill>> queue_;     // not at the door yet
+  std::map<std::uint64_t, frankapy::proto::SkillResult> results_;  // the newest ones
+  std::optional<Changing> changing_;
+};
+
+}  // namespace server
