@@ -92,6 +92,7 @@ HOURS = 20
 safety: programs $(VENV)/.frankapy ## look for violations of what keeps the arm safe, simulated hours of random skills and mishaps
 	$(VENV)/bin/python tests/safety/campaign.py $(if $(SEED),--seed $(SEED),--hours $(HOURS))
 
+FUZZERS := client_to_arm arm_to_client control_channel
 fuzz: fuzz-600 ## send mutated bytes to every parser, under sanitizers, for ten minutes each
 
 # The same inputs each time: what is new is found by `make fuzz`.
@@ -99,9 +100,8 @@ fuzz-gate: SEED = 1
 fuzz-gate: fuzz-30
 
 fuzz-%: $(BUILD)/asan/build.ninja
-	cmake --build $(BUILD)/asan -j $(JOBS) --target client_to_arm arm_to_client control_channel
-	for target in client_to_arm arm_to_client control_channel; do \
-	  $(BUILD)/asan/bin/$$target tests/fuzz/corpus/$$target $* $(SEED) || exit 1; done
+	cmake --build $(BUILD)/asan -j $(JOBS) --target $(FUZZERS)
+	printf '%s\n' $(FUZZERS) | xargs -P $(JOBS) -I @ sh -c '$(BUILD)/asan/bin/@ tests/fuzz/corpus/@ $* $(SEED)'
 
 sanitize: asan-all tsan-all ## run the C++ tests under address, undefined and thread sanitizer
 
