@@ -233,7 +233,8 @@ def main() -> int:
             print(f"The arm did not get through: {error}", file=sys.stderr)
             return 1
         truth = read_truth(TRUTH)
-        if not (is_there := judge(truth)):
+        is_there = judge(truth)
+        if not is_there or any(state.phase == proto.ERROR for state in states):
             tell_late(simulation, states)
 
     ends = {name: end for (name, _), (_, end) in zip(begins, begins[1:], strict=False)}

@@ -73,7 +73,7 @@ def test_hybrid_control_comes_to_a_plate_gently_and_presses_while_it_wipes(at_pl
         # What is estimated is held; in truth friction of the joints is in it.
         assert np.mean(estimate[-500:]) == pytest.approx(-10, abs=0.3)
         # A motion beside it, from contact on.
-        with fa.sequence() as results:
+        with fa.sequence() as results, at_plate.standing_still():
             fa.run(StayPose(1), press)
             fa.run(RelativeMinJerkPose([0.02, 0.1, 0], frame="base", duration=2), press)
         assert [result.ending for result in results] == [proto.TERMINATED] * 2, results[-1].message
