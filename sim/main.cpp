@@ -165,7 +165,7 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"never", "between-motions"}))
       ->capture_default_str();
   app.add_option("--seed", options.seed, "of the sensors' noise")->capture_default_str();
-  app.add_flag("--ideal", options.ideal, "joints without friction, sensors without noise");
+  app.add_flag("--ideal", options.ideal, "joints stiff and without friction, sensors without noise");
   app.add_flag("--control", options.control,
                "control channel (port " + std::to_string(sim::ControlServer::kPort) +
                    ") also where other computers reach it; on 127.0.0.0/8 it is always there");

@@ -45,6 +45,7 @@ void Sensors::read(const Truth& truth) {
   q = vector(truth.q);
   dq = vector(truth.dq);
   tau_J = vector(truth.tau_J);
+  const double give = ideal_ ? 0 : 1 / kJointStiffness;
   if (!ideal_) {
     for (int i = 0; i < 7; ++i) {
       q[i] += noise(kPositionNoise);
@@ -61,8 +62,8 @@ void Sensors::read(const Truth& truth) {
     dtau_J.setZero();
     seen_ = true;
   }
-  theta = q + tau_J / kJointStiffness;
-  dtheta = dq + dtau_J / kJointStiffness;
+  theta = q + give * tau_J;
+  dtheta = dq + give * dtau_J;
   accelerate();
 }
 

@@ -13,7 +13,7 @@ class Sensors {
  public:
   using Vector = Eigen::Matrix<double, 7, 1>;
 
-  // The same seed gives the same noise; ideal sensors have none.
+  // The same seed gives the same noise; ideal sensors have none, and sit on stiff joints.
   Sensors(const models::Arm& arm, bool ideal, std::uint64_t seed);
 
   // One cycle.

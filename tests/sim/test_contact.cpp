@@ -350,6 +350,16 @@ TEST_P(ContactOf, IdealSensorsSayWhatIs) {
     EXPECT_EQ(rig.state().q, rig.world.truth().q);
     EXPECT_EQ(rig.state().dq, rig.world.truth().dq);
     EXPECT_EQ(rig.state().tau_J, rig.world.truth().tau_J);
+    EXPECT_EQ(rig.state().theta, rig.state().q);
+    EXPECT_EQ(rig.state().dtheta, rig.state().dq);
+  }
+}
+
+TEST_P(ContactOf, MotorsAreBehindTheSpringsOfTheirJoints) {
+  RobotRig rig(as_delivered(GetParam()));
+  rig.push((Wrench() << 3, 2, -5, 0, 0, 0).finished());
+  for (int i = 0; i < 200; ++i) {
+    rig.cycle();
     for (int j = 0; j < 7; ++j) {
       EXPECT_NEAR(kJointStiffness * (rig.state().theta[j] - rig.state().q[j]), rig.state().tau_J[j], 1e-9);
       EXPECT_NEAR(kJointStiffness * (rig.state().dtheta[j] - rig.state().dq[j]), rig.state().dtau_J[j], 1e-9);
