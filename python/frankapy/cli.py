@@ -97,8 +97,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wall = change.add_parser("add", help="add a wall, or put it in the place of that name")
     wall.add_argument("name")
     wall.add_argument("shape", choices=list(_SHAPES))
-    wall.add_argument("size", type=float, nargs="*", help="m: box X Y Z, sphere RADIUS, cylinder and capsule RADIUS LENGTH; plane: none")
+    wall.add_argument("size", type=float, nargs="*", help="m: box X Y Z, sphere RADIUS, cylinder and capsule RADIUS LENGTH; plane and mesh: none")
     wall.add_argument("--at", type=float, nargs=3, default=[0, 0, 0], metavar=("X", "Y", "Z"), help="its middle, m (default 0 0 0)")
+    wall.add_argument("--file", help="of a mesh: STL")
+    wall.add_argument("--scale", type=float, default=1.0, help="of that file: m that its unit is (default 1; 0.001: it is in mm)")
     wall.add_argument("--normal", type=float, nargs=3, default=[0, 0, 1], metavar=("X", "Y", "Z"), help="of a plane (default 0 0 1)")
     wall.add_argument("--turn", type=float, nargs=3, default=[0, 0, 0], metavar=("ROLL", "PITCH", "YAW"),
                       help="degrees about fixed axes x, y, z, in this order (default 0 0 0); of a box, cylinder, capsule")  # fmt: skip
@@ -239,7 +241,7 @@ def _kinds(options: argparse.Namespace) -> int:
 
 # --- walls -----------------------------------------------------------------------------------------------------------
 
-_SHAPES = {"plane": 0, "box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}  # and how many lengths each has
+_SHAPES = {"plane": 0, "box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "mesh": 0}  # and how many lengths each has
 
 
 def _walls(options: argparse.Namespace) -> int:
@@ -258,6 +260,10 @@ def _walls(options: argparse.Namespace) -> int:
                 wall = walls.Box(options.size, pose)
             elif options.shape == "sphere":
                 wall = walls.Sphere(options.size[0], options.at)
+            elif options.shape == "mesh":
+                if options.file is None:
+                    raise FrankaArmArgumentError("mesh needs --file, an STL file of it")
+                wall = walls.Mesh(*walls.read_stl(options.file, options.scale), pose)
             else:
                 wall = getattr(walls, options.shape.capitalize())(*options.size, pose)
             (fa.walls.hold if options.held else fa.walls.add)(options.name, wall, options.keep)
@@ -268,6 +274,8 @@ def _walls(options: argparse.Namespace) -> int:
             shape = wall.WhichOneof("shape")
             size = [value for _, value in getattr(wall, shape).ListFields()]
             lengths = " x ".join(f"{x:g}" for x in np.hstack([*size, []]))
+            if shape == "mesh":
+                lengths = f"of {len(wall.mesh.triangles) // 3} triangles"
             place = ", ".join(f"{x:g}" for x in wall.position)
             angles = RigidTransform(RigidTransform.rotation_from_quaternion(wall.orientation), np.zeros(3)).euler_angles
             degrees = np.degrees(angles).round(2) + 0.0  # + 0.0: no "-0"

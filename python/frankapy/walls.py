@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,46 @@ def Capsule(radius: float, length: float, pose: RigidTransform | Sequence[float]
     """Return a cylinder, as there, with half a sphere on each end."""
     body = proto.Wall.Capsule(radius=number("radius", radius), length=number("length", length))
     return _place(proto.Wall(capsule=body), pose)
+
+
+def Mesh(  # noqa: N802
+    corners: Sequence[Sequence[float]] | np.ndarray,
+    triangles: Sequence[Sequence[int]] | np.ndarray,
+    pose: RigidTransform | Sequence[float] = (0, 0, 0),
+) -> proto.Wall:
+    """Return a convex body whose surface is triangles, in the frame of `pose` (or at a position).
+
+    corners: (n, 3), m. triangles: (k, 3), the numbers of three corners each, from 0 on, counter-clockwise seen from outside. Of a file:
+    `Mesh(*read_stl("fixture.stl"))`. What is not convex is refused: give its hull, or several bodies.
+    """
+    points, faces = np.asarray(corners), np.asarray(triangles)
+    for name, array, kinds in (("corners", points, "iuf"), ("triangles", faces, "iu")):
+        if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in kinds:
+            raise FrankaArmArgumentError(f"{name} has shape {array.shape} of {array.dtype}: expected rows of 3 {'whole ' * (kinds == 'iu')}numbers")
+    if faces.size and faces.min() < 0:
+        raise FrankaArmArgumentError(f"triangles has {faces.min()}: expected numbers of corners, from 0 on")
+    mesh = proto.Wall.Mesh(corners=points.ravel().astype(float), triangles=faces.ravel())
+    return _place(proto.Wall(mesh=mesh), pose)
+
+
+def read_stl(path: str | Path, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return corners (n, 3), in m, and triangles (k, 3) of an STL file, text or binary, whose unit is `scale` m (0.001: mm)."""
+    data = Path(path).read_bytes()
+    count = int.from_bytes(data[80:84], "little")
+    if len(data) == 84 + 50 * count:
+        rows = np.frombuffer(data, [("normal", "<f4", 3), ("corners", "<f4", 9), ("color", "<u2")], offset=84)
+        points = rows["corners"].astype(float).reshape(-1, 3)
+    else:
+        lines = [line.split() for line in data.decode("utf-8", "replace").splitlines()]
+        try:
+            points = np.array([line[1:4] for line in lines if line[:1] == ["vertex"]], dtype=float).reshape(-1, 3)
+        except ValueError:
+            points = np.empty((0, 3))
+        if not len(points) or len(points) % 3:
+            raise FrankaArmArgumentError(f"{path} is no STL file: expected triangles, in text or binary")
+    # Each triangle has corners of its own there.
+    corners, index = np.unique(np.round(points * scale, 7), axis=0, return_inverse=True)
+    return corners, index.reshape(-1, 3)
 
 
 def _place(wall: proto.Wall, pose: RigidTransform | Sequence[float]) -> proto.Wall:
@@ -134,7 +175,7 @@ class Walls(Mapping[str, proto.Wall]):
 
     def _named(self, name: str, wall: proto.Wall, keep: bool) -> proto.Wall:
         if not isinstance(wall, proto.Wall):
-            raise FrankaArmArgumentError(f"wall is {wall!r}: expected Plane(...), Box(...), Sphere(...), Cylinder(...) or Capsule(...)")
+            raise FrankaArmArgumentError(f"wall is {wall!r}: expected Plane(...), Box(...), Sphere(...), Cylinder(...), Capsule(...) or Mesh(...)")
         named = proto.Wall()
         named.CopyFrom(wall)
         named.name = name

@@ -21,6 +21,8 @@
 
 #include "models/arm.hpp"
 #include "robot/collision_behavior.hpp"
+#include "server/refused.hpp"
+#include "server/wall_store.hpp"
 
 namespace server {
 namespace {
@@ -247,7 +249,7 @@ frankapy::proto::Wall read_wall(const toml::table& node, const std::string& sour
   Table table(node, source, "arm.wall");
   frankapy::proto::Wall wall;
   wall.set_name(table.text(table.require("name", "a name"), "name", "a name"));
-  const std::string shapes = "\"plane\", \"box\", \"sphere\", \"cylinder\" or \"capsule\"";
+  const std::string shapes = "\"plane\", \"box\", \"sphere\", \"cylinder\", \"capsule\" or \"mesh\"";
   const auto& shape = table.require("shape", shapes);
   const std::string name = table.text(shape, "shape", shapes);
   const auto length = [&](const char* key, double min) {
@@ -270,6 +272,17 @@ frankapy::proto::Wall read_wall(const toml::table& node, const std::string& sour
     round(*wall.mutable_cylinder(), 0.001);
   } else if (name == "capsule") {
     round(*wall.mutable_capsule(), 0);
+  } else if (name == "mesh") {
+    const auto rows = [&](const char* key, double min, double max, const std::string& what, const auto& add) {
+      const toml::node& node = table.require(key, "a list of " + what);
+      if (!node.is_array()) table.refuse(node, key, "a list of " + what);
+      for (const auto& row : *node.as_array()) {
+        for (double each : table.numbers<3>(row, key, min, max, what)) add(each);
+      }
+    };
+    auto& mesh = *wall.mutable_mesh();
+    rows("corners", -10, 10, "numbers x, y, z, -10 to 10 m", [&](double each) { mesh.add_corners(each); });
+    rows("triangles", 0, 1000, "numbers of corners", [&](double each) { mesh.add_triangles(static_cast<std::uint32_t>(each)); });
   } else {
     table.refuse(shape, "shape", shapes);
   }
@@ -281,6 +294,11 @@ frankapy::proto::Wall read_wall(const toml::table& node, const std::string& sour
   for (double each : {orientation.w(), orientation.x(), orientation.y(), orientation.z()}) wall.add_orientation(each);
   if (const auto* held = table.find("held")) wall.set_held(table.boolean(*held, "held"));
   table.finish();
+  try {
+    WallStore({wall});
+  } catch (const Refused& refused) {
+    table.fail(node, refused.what());
+  }
   return wall;
 }
 

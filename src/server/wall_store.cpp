@@ -5,9 +5,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
+#include "realtime/walls/mesh.hpp"
 #include "server/kept.hpp"
 #include "server/refused.hpp"
+#include "wire/proto/validation.hpp"
 
 namespace server {
 namespace {
@@ -23,9 +26,25 @@ Eigen::Matrix<double, N, 1> numbers(const google::protobuf::RepeatedField<double
   return Eigen::Map<const Eigen::Matrix<double, N, 1>>(values.data());
 }
 
+// About `middle`, m. Throws std::invalid_argument, as Mesh.
+std::shared_ptr<const realtime::Mesh> mesh_of(const proto::Wall::Mesh& mesh, const Vector3& middle) {
+  std::vector<Vector3> corners;
+  for (int i = 0; i < mesh.corners_size(); i += 3) corners.push_back(Vector3::Map(mesh.corners().data() + i) - middle);
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  for (int i = 0; i < mesh.triangles_size(); i += 3) {
+    triangles.push_back({mesh.triangles(i), mesh.triangles(i + 1), mesh.triangles(i + 2)});
+  }
+  return std::make_shared<realtime::Mesh>(corners, triangles);
+}
+
+Eigen::Matrix3Xd corners_of(const proto::Wall::Mesh& mesh) {
+  return Eigen::Map<const Eigen::Matrix3Xd>(mesh.corners().data(), 3, mesh.corners_size() / 3);
+}
+
 // In the frame that the message gives it in.
 Shape shape_of(const proto::Wall& wall) {
   Shape shape;
+  Vector3 middle = Vector3::Zero();  // in the frame of the wall
   switch (wall.shape_case()) {
     case proto::Wall::kBox:
       shape.kind = Shape::Kind::kBox;
@@ -43,12 +62,21 @@ Shape shape_of(const proto::Wall& wall) {
       shape.kind = Shape::Kind::kCapsule;
       shape.size = {wall.capsule().radius(), wall.capsule().length() / 2, 0};
       break;
+    case proto::Wall::kMesh: {
+      const Eigen::Matrix3Xd corners = corners_of(wall.mesh());
+      const Vector3 low = corners.rowwise().minCoeff(), high = corners.rowwise().maxCoeff();
+      middle = (low + high) / 2;
+      shape.kind = Shape::Kind::kMesh;
+      shape.size = (high - low) / 2;
+      shape.mesh = mesh_of(wall.mesh(), middle);
+      break;
+    }
     case proto::Wall::kPlane:
     case proto::Wall::SHAPE_NOT_SET: break;
   }
   const Eigen::Vector4d q = numbers<4>(wall.orientation());
   shape.O_T_S.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
-  shape.O_T_S.translation() = numbers<3>(wall.position());
+  shape.O_T_S.translation() = numbers<3>(wall.position()) + shape.O_T_S.linear() * middle;
   return shape;
 }
 
@@ -57,7 +85,7 @@ bool hold(realtime::ArmCapsules& arm, const Shape& shape) {
   const Vector3& size = shape.size;
   int axis = 2;
   double half = size[1], radius = size[0];
-  if (shape.kind == Shape::Kind::kBox) {
+  if (shape.kind == Shape::Kind::kBox || shape.kind == Shape::Kind::kMesh) {
     half = size.maxCoeff(&axis);
     radius = std::hypot(size[(axis + 1) % 3], size[(axis + 2) % 3]);
   }
@@ -98,15 +126,23 @@ void WallStore::take_again(const proto::Walls& walls) {
   }
 }
 
-void WallStore::put(const proto::Wall& wall, std::map<std::string, Entry>& into, std::uint32_t id) {
+void WallStore::put(proto::Wall wall, std::map<std::string, Entry>& into, std::uint32_t id) {
   if (wall.name().size() > kLongestName) {
     refuse(fmt::format("Wall.name has {} bytes: expected at most {}", wall.name().size(), kLongestName));
   }
   if (wall.shape_case() == proto::Wall::SHAPE_NOT_SET) {
-    refuse(fmt::format("Wall \"{}\" has no shape: expected plane, box, sphere, cylinder or capsule", wall.name()));
+    refuse(fmt::format("Wall \"{}\" has no shape: expected plane, box, sphere, cylinder, capsule or mesh", wall.name()));
   }
   if (wall.held() && wall.has_plane()) {
     refuse(fmt::format("Wall \"{}\" is held and a plane: expected a body of finite size", wall.name()));
+  }
+  try {
+    wire::validate(wall);  // a file may hold anything
+    shape_of(wall);
+  } catch (const wire::Invalid& wrong) {
+    refuse(wrong.what());
+  } catch (const std::invalid_argument& wrong) {
+    refuse(fmt::format("Wall \"{}\" {}", wall.name(), wrong.what()));
   }
   into[wall.name()] = {id, wall};
 }
@@ -158,6 +194,13 @@ void WallStore::apply(const proto::ChangeWalls& change) {
   if (const auto walls = static_cast<long>(entries.size()) - held; walls > realtime::Walls::kMost) {
     refuse(fmt::format("there would be {} walls: expected at most {}, which is what the 1 kHz loop can look at in a cycle", walls,
                        realtime::Walls::kMost));
+  }
+  int triangles = 0;
+  for (const auto& [name, entry] : entries) triangles += entry.wall.held() ? 0 : entry.wall.mesh().triangles_size() / 3;
+  if (triangles > realtime::Walls::kMostTriangles) {
+    refuse(fmt::format("the meshes would have {} triangles: expected at most {} in all, which is what the 1 kHz loop can look at in a "
+                       "cycle. Make them simpler",
+                       triangles, realtime::Walls::kMostTriangles));
   }
   entries_ = std::move(entries);
   last_id_ = id;

@@ -16,10 +16,10 @@ namespace server {
 class WallStore {
  public:
   // Those of the configuration, and those of clients in a file that outlives this process (-1: none), which is kept as they are;
-  // of these, those that are to be kept also in one that outlives the server (empty: none).
+  // of these, those that are to be kept also in one that outlives the server (empty: none). Throws Refused as change().
   explicit WallStore(const std::vector<frankapy::proto::Wall>& fixed, int fd = -1, std::string file = {});
 
-  // Throws Refused: a wall without a shape or of a name that is fixed, one to remove that is not there, more than the loop can
+  // Throws Refused: a wall that is none or of a name that is fixed, one to remove that is not there, more than the loop can
   // look at in a cycle. Nothing is changed then.
   void change(const frankapy::proto::ChangeWalls& change);
 
@@ -36,7 +36,7 @@ class WallStore {
     std::uint32_t id;
     frankapy::proto::Wall wall;
   };
-  static void put(const frankapy::proto::Wall& wall, std::map<std::string, Entry>& into, std::uint32_t id);
+  static void put(frankapy::proto::Wall wall, std::map<std::string, Entry>& into, std::uint32_t id);
 
   void take_again(const frankapy::proto::Walls& walls);
   void apply(const frankapy::proto::ChangeWalls& change);

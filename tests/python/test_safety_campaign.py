@@ -7,7 +7,7 @@ import pytest
 from conftest import HOME, REPOSITORY
 
 from frankapy import FrankaConstants, RigidTransform, kinematics, parts, proto
-from frankapy.walls import Box, Capsule, Cylinder, Plane, Sphere
+from frankapy.walls import Box, Capsule, Cylinder, Mesh, Plane, Sphere
 
 sys.path[:0] = [str(REPOSITORY / "tests" / "safety"), str(REPOSITORY / "tests" / "interop")]
 import judge  # noqa: E402
@@ -81,6 +81,8 @@ def test_gaps_are_those_of_many_points_of_the_capsule():
         (Cylinder(0.1, 0.5, [0, 0.6, 0]), 0.5),
         (Capsule(0.1, 0.3, [0, 0.6, 0.1]), 0.5),
         (Box([2, 2, 0.1], [0, 0, 0]), -0.05),
+        (Mesh([[0, 0.5, 0], [1, 1, 0], [-1, 1, 0], [0, 1, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]), 0.5),
+        (Mesh([[0, -1, -1], [0, 2, -1], [2, -1, -1], [0, -1, 2]], [[0, 1, 2], [0, 2, 3], [1, 3, 2], [0, 3, 1]]), 0),
     ],
 )
 def test_distances_to_bodies(wall, expected):

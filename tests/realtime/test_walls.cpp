@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <random>
 #include <vector>
 
@@ -12,6 +13,7 @@
 #include "realtime/felt_inertia.hpp"
 #include "realtime/loop.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
+#include "realtime/walls/mesh.hpp"
 #include "realtime/walls/wall_guard.hpp"
 #include "simulated_arm.hpp"
 
@@ -23,6 +25,27 @@ using testing_tools::SimulatedArm;
 
 const Vector7 kMotors = Vector7::Constant(0.05);  // kg m²
 
+using Triangles = std::vector<std::array<std::uint32_t, 3>>;
+
+// With a corner on each half of the axes.
+const Triangles kOctahedron = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
+std::vector<Vector3> octahedron(const Vector3& half) {
+  std::vector<Vector3> corners;
+  for (int i = 0; i < 3; ++i) {
+    for (const double sign : {1., -1.}) corners.push_back(sign * half[i] * Vector3::Unit(i));
+  }
+  return corners;
+}
+
+// Corner i is at +half along the axes whose bit i has.
+const Triangles kCube = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
+                         {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+std::vector<Vector3> cube(const Vector3& half) {
+  std::vector<Vector3> corners;
+  for (int i = 0; i < 8; ++i) corners.push_back(half.cwiseProduct(Vector3(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1)));
+  return corners;
+}
+
 struct Random {
   std::mt19937 engine{17};
   double in(double low, double high) { return std::uniform_real_distribution<>(low, high)(engine); }
@@ -30,10 +53,12 @@ struct Random {
   Shape shape(Shape::Kind kind) {
     Shape shape{kind, {in(0.05, 0.4), in(0.05, 0.4), in(0.05, 0.4)}, Eigen::Isometry3d(Eigen::Quaterniond::UnitRandom())};
     shape.O_T_S.translation() = point(0.5);
+    if (kind == Shape::Kind::kMesh) shape.mesh = std::make_shared<Mesh>(octahedron(shape.size), kOctahedron);
     return shape;
   }
 };
-constexpr Shape::Kind kKinds[] = {Shape::Kind::kPlane, Shape::Kind::kBox, Shape::Kind::kCylinder, Shape::Kind::kCapsule};
+constexpr Shape::Kind kKinds[] = {Shape::Kind::kPlane, Shape::Kind::kBox, Shape::Kind::kCylinder, Shape::Kind::kCapsule,
+                                  Shape::Kind::kMesh};
 
 Shape plane(const Vector3& point, const Vector3& normal) {
   Shape shape;
@@ -70,6 +95,7 @@ TEST(Shape, the_normal_is_the_gradient_of_the_distance_and_leads_to_the_surface)
       const Vector3 p = random.point(1);
       const Distance d = distance(shape, p);
       EXPECT_NEAR(d.normal.norm(), 1, 1e-9);
+      EXPECT_LE(least_distance(shape, p), d.distance + 1e-12);
       EXPECT_NEAR(distance(shape, p - d.distance * d.normal).distance, 0, 1e-9);
       const Vector3 step = 1e-6 * random.point(1);
       EXPECT_NEAR(distance(shape, p + step).distance - d.distance, d.normal.dot(step), 1e-9) << static_cast<int>(kind);
@@ -88,6 +114,96 @@ TEST(Shape, distances_are_those_of_geometry) {
   EXPECT_NEAR(distance(cylinder, {0, 0.2, 1.5}).distance, 0.5, 1e-12);
   const Shape capsule{Shape::Kind::kCapsule, {0.5, 1, 0}, Eigen::Isometry3d::Identity()};
   EXPECT_NEAR(distance(capsule, {0, 0, 2}).distance, 0.5, 1e-12);
+}
+
+TEST(Shape, a_mesh_of_a_box_is_a_box) {
+  Random random;
+  for (int n = 0; n < 50; ++n) {
+    Shape given = random.shape(Shape::Kind::kBox), mesh = given;
+    mesh.kind = Shape::Kind::kMesh;
+    mesh.mesh = std::make_shared<Mesh>(cube(given.size), kCube);
+    EXPECT_NEAR(reach(mesh), reach(given), 1e-12);
+    for (int k = 0; k < 50; ++k) {
+      const Vector3 p = given.O_T_S * random.point(0.6);  // inside as well
+      const Distance expected = distance(given, p), found = distance(mesh, p);
+      EXPECT_NEAR(found.distance, expected.distance, 1e-12);
+      EXPECT_LT((found.normal - expected.normal).norm(), 1e-9);
+    }
+  }
+}
+
+// Rings about z, and how many corners each has.
+Mesh ball(double radius, int rings, int around) {
+  std::vector<Vector3> corners = {{0, 0, radius}};
+  Triangles triangles;
+  const auto at = [&](int ring, int k) -> std::uint32_t {
+    return ring == 0 ? 0 : ring == rings ? 1 + (rings - 1) * around : 1 + (ring - 1) * around + k % around;
+  };
+  for (int ring = 1; ring < rings; ++ring) {
+    for (int k = 0; k < around; ++k) {
+      const double down = std::numbers::pi * ring / rings, turn = 2 * std::numbers::pi * k / around;
+      corners.push_back(radius * Vector3(std::sin(down) * std::cos(turn), std::sin(down) * std::sin(turn), std::cos(down)));
+    }
+  }
+  corners.push_back({0, 0, -radius});
+  for (int ring = 0; ring < rings; ++ring) {
+    for (int k = 0; k < around; ++k) {
+      if (ring > 0) triangles.push_back({at(ring, k), at(ring + 1, k), at(ring, k + 1)});
+      if (ring < rings - 1) triangles.push_back({at(ring, k + 1), at(ring + 1, k), at(ring + 1, k + 1)});
+    }
+  }
+  return Mesh(corners, triangles);
+}
+
+// From outside the way over the surface ends where no point of the body is nearer: all of it is behind the plane through there.
+TEST(Mesh, nothing_of_it_is_nearer_than_its_distance) {
+  Random random;
+  const auto body = ball(0.3, 8, 8);
+  for (int n = 0; n < 5000; ++n) {
+    const Vector3 p = random.point(0.6);
+    const Distance found = body.distance(p);
+    const Vector3 foot = p - found.distance * found.normal;
+    EXPECT_NEAR(body.distance(foot).distance, 0, 1e-9);
+    if (found.distance <= 0) continue;
+    EXPECT_LE(body.least_distance(p), found.distance + 1e-12);
+    for (int k = 0; k < 10; ++k) {  // corners and others
+      const Vector3 other = 0.3 * random.point(1).normalized(), of_it = other - std::max(0., body.distance(other).distance) * body.distance(other).normal;
+      EXPECT_LE(found.normal.dot(of_it - foot), 1e-9);
+    }
+  }
+}
+
+TEST(Mesh, what_is_no_convex_body_is_refused_and_says_why) {
+  const auto why = [](std::vector<Vector3> corners, const Triangles& triangles) -> std::string {
+    try {
+      Mesh(corners, triangles);
+    } catch (const std::invalid_argument& refused) {
+      return refused.what();
+    }
+    return "";
+  };
+  const auto corners = octahedron(Vector3::Constant(0.1));
+  EXPECT_EQ(why(corners, kOctahedron), "");
+  Triangles changed = kOctahedron;
+  changed[0] = {0, 2, 6};
+  EXPECT_EQ(why(corners, changed), "names corner 6 in triangle 0: expected 0 to 5");
+  changed[0] = {2, 0, 4};
+  EXPECT_EQ(why(corners, changed),
+            "has the edge from corner 4 to 2 twice: expected each triangle once, its corners counter-clockwise seen from outside");
+  changed.erase(changed.begin());
+  EXPECT_EQ(why(corners, changed), "is not closed: there is a triangle on one side only of the edge from corner 0 to 4");
+  for (auto& triangle : changed = kOctahedron) std::swap(triangle[0], triangle[1]);
+  EXPECT_EQ(why(corners, changed),
+            "is turned inside out: expected the corners of each triangle counter-clockwise seen from outside");
+  EXPECT_EQ(why(octahedron({0.1, 0.1, 1e-9}), kOctahedron), "is flat: expected a body");
+  auto dented = corners;
+  dented[4] = {0, 0, -0.02};
+  EXPECT_EQ(why(dented, kOctahedron),
+            "is not convex: corner 1 is 38.5 mm outside the plane of triangle 0. Give its convex hull, or several bodies that are "
+            "convex");
+  dented = corners;
+  dented[1] = dented[4];
+  EXPECT_EQ(why(dented, kOctahedron), "has no area in triangle 1: leave it out");
 }
 
 TEST(Shape, no_point_of_a_segment_is_nearer_than_the_nearest) {

@@ -18,7 +18,7 @@ from frankapy import FrankaArmArgumentError, FrankaConstants, RigidTransform, pr
 from frankapy.parts import describe, kinds, make, robot_controllers
 from frankapy.proto import rules_pb2, sensors_pb2
 from frankapy.validation import is_repeated, rule_of, validate
-from frankapy.walls import Box, Capsule, Cylinder, Plane, Sphere
+from frankapy.walls import Box, Capsule, Cylinder, Mesh, Plane, Sphere
 
 HOME = np.array(FrankaConstants.HOME_JOINTS)
 TOPIC = "campaign"
@@ -118,6 +118,7 @@ class Draw:
                 lambda: Sphere(size[0], place),
                 lambda: Cylinder(size[0], size[1], pose),
                 lambda: Capsule(size[0], size[1], pose),
+                lambda: Mesh(np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]) * size, [[0, 1, 2], [0, 3, 1], [1, 3, 2], [0, 2, 3]], pose),
             ]
         )()
 

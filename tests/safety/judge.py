@@ -110,12 +110,33 @@ def distance(wall: proto.Wall, points: np.ndarray) -> np.ndarray:
     if kind == "capsule":
         at[:, 2] -= np.clip(at[:, 2], -wall.capsule.length / 2, wall.capsule.length / 2)
         return np.linalg.norm(at, axis=1) - wall.capsule.radius
+    if kind == "mesh":
+        return _distance_to_mesh(np.reshape(wall.mesh.corners, (-1, 3))[np.reshape(wall.mesh.triangles, (-1, 3))], at)
     if kind == "box":
         beyond = np.abs(at) - np.array(wall.box.size) / 2
     else:
         radial = np.linalg.norm(at[:, :2], axis=1) - wall.cylinder.radius
         beyond = np.stack([radial, np.abs(at[:, 2]) - wall.cylinder.length / 2], axis=1)
     return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
+
+
+def _distance_to_mesh(triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """From points (n, 3) to the surface of a convex body of triangles (k, 3, 3)."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    heights = points @ normals.T - (normals * triangles[:, 0]).sum(axis=1)  # (n, k)
+    inside, nearest = heights.max(axis=1), np.full(len(points), np.inf)
+    for corners, normal, height in zip(triangles, normals, heights.T, strict=True):
+        # Above a triangle its plane is nearest, elsewhere one of its edges.
+        above = np.ones(len(points), dtype=bool)
+        to_edges = np.full(len(points), np.inf)
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            above &= (points - a) @ np.cross(normal, b - a) >= 0
+            along = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+            to_edges = np.minimum(to_edges, np.linalg.norm(points - a - along[:, None] * (b - a), axis=1))
+        away = np.where(above, np.abs(height), to_edges)
+        nearest = np.minimum(nearest, away)
+    return np.where(inside > 0, nearest, inside)
 
 
 def gap(wall: proto.Wall, capsule: Capsule, at: np.ndarray) -> np.ndarray:

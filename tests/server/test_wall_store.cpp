@@ -68,6 +68,94 @@ TEST_F(WallStoreTest, what_is_to_be_kept_is_there_again_until_it_is_removed) {
   EXPECT_TRUE(names(WallStore({}, -1, file_)).empty());
 }
 
+proto::Wall mesh(const std::string& name, double offset) {
+  proto::Wall wall = sphere(name, 1, false);
+  wall.mutable_mesh();
+  for (const double each : {0.1, 0., 0., -0.1, 0., 0., 0., 0.2, 0., 0., 0., 0.3}) wall.mutable_mesh()->add_corners(each + offset);
+  for (const int each : {0, 1, 2, 0, 3, 1, 1, 3, 2, 0, 2, 3}) wall.mutable_mesh()->add_triangles(each);
+  return wall;
+}
+
+TEST_F(WallStoreTest, a_mesh_is_where_its_corners_are) {
+  WallStore store({});
+  store.change(put(mesh("wedge", 0.5)));
+  const auto made = store.make(models::arm("fr3"), true);
+  ASSERT_EQ(made->walls.size(), 1u);
+  const auto distance = [&](double x, double y, double z) { return realtime::distance(made->walls[0].shape, {x, y, z}).distance; };
+  EXPECT_NEAR(distance(0.5, 2.5, 0.45), 0.05, 1e-12);  // its position is (0, 2, 0); below its bottom
+  EXPECT_NEAR(distance(0.7, 2.5, 0.5), 0.1, 1e-12);
+  EXPECT_LT(distance(0.5, 2.55, 0.55), 0);
+  EXPECT_LT(realtime::reach(made->walls[0].shape), 0.25);
+}
+
+TEST_F(WallStoreTest, a_mesh_that_is_held_is_covered) {
+  proto::Wall wall = mesh("wedge", 0.1);
+  wall.set_held(true);
+  for (int i = 0; i < 3; ++i) wall.set_position(i, 0);
+  WallStore store({});
+  store.change(put(wall));
+  const auto made = store.make(models::arm("fr3"), true);
+  const auto& capsule = made->arm.all().back();
+  EXPECT_EQ(capsule.link, realtime::ArmCapsules::kFlange);
+  const realtime::Vector3 axis = capsule.b - capsule.a;
+  for (int i = 0; i < 12; i += 3) {
+    const realtime::Vector3 corner = realtime::Vector3::Map(wall.mesh().corners().data() + i);
+    const double along = std::clamp((corner - capsule.a).dot(axis) / axis.squaredNorm(), 0., 1.);
+    EXPECT_LE((corner - capsule.a - along * axis).norm(), capsule.radius + 1e-12);
+  }
+}
+
+TEST_F(WallStoreTest, a_mesh_that_is_no_body_is_refused_by_its_name) {
+  WallStore store({});
+  proto::Wall wall = mesh("wedge", 0);
+  wall.mutable_mesh()->set_triangles(0, 7);
+  try {
+    store.change(put(wall));
+    FAIL();
+  } catch (const Refused& refused) {
+    EXPECT_STREQ(refused.what(), "Wall \"wedge\" names corner 7 in triangle 0: expected 0 to 3");
+  }
+  wall.mutable_mesh()->add_corners(1);
+  EXPECT_THROW(store.change(put(wall)), Refused);
+  EXPECT_TRUE(names(store).empty());
+}
+
+// A corner in the middle of each triangle makes three of it.
+proto::Wall finer(proto::Wall wall) {
+  auto& of = *wall.mutable_mesh();
+  const auto coarse = of.triangles();
+  of.clear_triangles();
+  for (int i = 0; i < coarse.size(); i += 3) {
+    const auto middle = static_cast<std::uint32_t>(of.corners_size() / 3);
+    for (int axis = 0; axis < 3; ++axis) {
+      double sum = 0;
+      for (int k = 0; k < 3; ++k) sum += of.corners(static_cast<int>(3 * coarse[i + k]) + axis);
+      of.add_corners(sum / 3);
+    }
+    for (int k = 0; k < 3; ++k) {
+      for (const auto corner : {coarse[i + k], coarse[i + (k + 1) % 3], middle}) of.add_triangles(corner);
+    }
+  }
+  return wall;
+}
+
+TEST_F(WallStoreTest, meshes_have_no_more_triangles_than_the_loop_can_look_at) {
+  const proto::Wall fine = finer(finer(finer(mesh("0", 0))));
+  ASSERT_EQ(fine.mesh().triangles_size(), 3 * 108);
+  WallStore store({});
+  for (int k = 0; k < 5; ++k) {
+    proto::Wall wall = fine;
+    wall.set_name(std::to_string(k));
+    if (k < 4) {
+      store.change(put(wall));
+    } else {
+      EXPECT_THROW(store.change(put(wall)), Refused);
+      wall.set_held(true);  // then it is a capsule
+      store.change(put(wall));
+    }
+  }
+}
+
 TEST_F(WallStoreTest, the_configuration_goes_before_what_was_kept) {
   WallStore({}, -1, file_).change(put(sphere("bench", 0.2, true)));
   const WallStore store({sphere("bench", 0.4, false)}, -1, file_);

@@ -5,6 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include "realtime/walls/mesh.hpp"
+
 namespace realtime {
 namespace {
 
@@ -48,6 +50,7 @@ Distance in_own_frame(const Shape& shape, const Vector3& p) {
       const double r = from_axis.norm();
       return {r - shape.size[0], r > 0 ? Vector3(from_axis / r) : Vector3::UnitX()};
     }
+    case Shape::Kind::kMesh: return shape.mesh->distance(p);
   }
   return {p[2], Vector3::UnitZ()};
 }
@@ -91,6 +94,7 @@ double reach(const Shape& shape) noexcept {
     case Shape::Kind::kBox: return shape.size.norm();
     case Shape::Kind::kCylinder: return shape.size.head<2>().norm();
     case Shape::Kind::kCapsule: return shape.size[0] + shape.size[1];
+    case Shape::Kind::kMesh: return shape.mesh->reach();
   }
   return std::numeric_limits<double>::infinity();
 }
@@ -99,6 +103,11 @@ Distance distance(const Shape& shape, const Vector3& O_point) noexcept {
   const auto& R = shape.O_T_S.linear();
   const Distance own = in_own_frame(shape, R.transpose() * (O_point - shape.O_T_S.translation()));
   return {own.distance, R * own.normal};
+}
+
+double least_distance(const Shape& shape, const Vector3& O_point) noexcept {
+  if (shape.kind != Shape::Kind::kMesh) return distance(shape, O_point).distance;
+  return shape.mesh->least_distance(shape.O_T_S.linear().transpose() * (O_point - shape.O_T_S.translation()));
 }
 
 Nearest nearest(const Shape& shape, const Vector3& a, const Vector3& b) noexcept {

@@ -3,10 +3,13 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <memory>
 
 #include "realtime/reference.hpp"
 
 namespace realtime {
+
+class Mesh;
 
 // A convex body in the base frame O.
 struct Shape {
@@ -15,10 +18,12 @@ struct Shape {
     kBox,       // size: half of each edge
     kCylinder,  // about z of S; size: radius, half of its length
     kCapsule,   // about z of S; size: radius, half of its length without the caps. A sphere is one of length 0
+    kMesh,
   };
   Kind kind = Kind::kPlane;
   Vector3 size = Vector3::Zero();                             // m
   Eigen::Isometry3d O_T_S = Eigen::Isometry3d::Identity();
+  std::shared_ptr<const Mesh> mesh = {};  // of that kind
 };
 
 // The radius of a ball about the origin of S that holds the body, m; infinite for a plane.
@@ -30,6 +35,8 @@ struct Distance {
   Vector3 normal;   // in O
 };
 Distance distance(const Shape& shape, const Vector3& O_point) noexcept;
+// No more than that; of some bodies it is had more quickly.
+double least_distance(const Shape& shape, const Vector3& O_point) noexcept;
 
 // The point of a segment from a to b (in O, m) that is nearest to a body, or deepest in it.
 struct Nearest : Distance {

@@ -70,7 +70,7 @@ bool WallGuard::is_far(int capsule, int wall, const ArmCapsules::Place& place, d
   const Vector3 half = (place.b[capsule] - place.a[capsule]) / 2, middle = place.a[capsule] + half;
   const Shape& shape = walls_->walls[wall].shape;
   const double least = clearance + half.norm() + walls_->arm.all()[capsule].radius;
-  return (middle - shape.O_T_S.translation()).norm() > least + reach_[wall] || distance(shape, middle).distance > least;
+  return (middle - shape.O_T_S.translation()).norm() > least + reach_[wall] || least_distance(shape, middle) > least;
 }
 
 WallGuard::Contact WallGuard::contact(int capsule, int wall, const Nearest& found) const noexcept {

@@ -19,6 +19,7 @@ struct Wall {
 // What an arm must not touch, and its own body. Made in the server room, and not changed after.
 struct Walls {
   static constexpr int kMost = 64;
+  static constexpr int kMostTriangles = 512;  // of all meshes: what the loop can look at in a cycle
 
   ArmCapsules arm;
   std::vector<Wall> walls;  // kMost at most
