@@ -736,6 +736,27 @@ class FrankaArm:
             trajectory, controller, any_of(until), skill_desc, block, ignore_errors, robot_controller, preempt, speed, start_time
         )
 
+    def check(
+        self, trajectory: Message, controller: Message | None = None, until: Message | Sequence[Message] = (),
+        *, robot_controller: str = "auto", speed: float | None = None, joints: Numbers | None = None,
+    ) -> proto.SkillChecked:  # fmt: skip
+        """Return what `fa.run` would make of a skill, without moving: its `duration` (s) and `stretch` (>= 1) within the limits.
+
+        The whole way is looked at: joints and poses out of reach, walls, the arm itself. It needs no lease: another client may
+        command the arm meanwhile.
+
+        Args:
+            trajectory, controller, until, robot_controller, speed: as of `run`.
+            joints: where the motion begins (rad); None: where the arm is now.
+
+        Raises FrankaArmArgumentError as `run`, with what is in the way, and where.
+        """
+        controller = proto.InternalImpedance() if controller is None else controller
+        speed = self.speed if speed is None else number("speed", speed)
+        skill = make_skill(trajectory, controller, any_of(until), "", robot_controller, speed)
+        check = proto.CheckSkill(skill=skill, joints=None if joints is None else vector("joints", joints, 7))
+        return self._server.ask(proto.Request(check_skill=check)).skill_checked
+
     def change(
         self, trajectory: Message | None = None, controller: Message | None = None, until: Message | Sequence[Message] = ()
     ) -> None:

@@ -2,6 +2,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <cmath>
 #include <utility>
 
 #include "server/convert.hpp"
@@ -209,6 +210,28 @@ void Skills::begin_change(Build& build) {
   }
   sensors_.bind(change.skill_id(), changing_->inputs, false);
   door_.change.put(std::move(parts));
+}
+
+void Skills::check(const Address& from, proto::Request& request) {
+  auto build = std::make_shared<Build>();
+  build->from = from;
+  build->connection = arm_.require();
+  if (const auto& joints = request.check_skill().joints(); !joints.empty()) {
+    build->after.emplace().motion = realtime::Channels::kJoint;
+    build->after->joint.q = realtime::Vector7::Map(joints.data());
+  }
+  build->message.Swap(request.mutable_check_skill()->mutable_skill());
+  put_on_workbench(std::move(build), &Skills::tell_checked);
+}
+
+void Skills::tell_checked(Build& build) {
+  const realtime::Skill& skill = *build.skill;
+  proto::Reply reply;
+  auto& checked = *reply.mutable_skill_checked();
+  if (const double duration = skill.trajectory->duration(); duration > 0 && std::isfinite(duration)) checked.set_duration(duration / skill.speed);
+  checked.set_stretch(skill.trajectory->stretch());
+  checked.set_robot_controller(name_of(skill.mode));
+  answers_.send(build.from, reply);
 }
 
 // Builds it there, and goes on with it here, where the robot is the same still.

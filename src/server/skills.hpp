@@ -35,6 +35,7 @@ class Skills {
   // Requests of clients; each is answered, or throws Refused.
   void start(const Address& from, frankapy::proto::Request& request, std::uint64_t id);
   void change(const Address& from, frankapy::proto::Request& request);
+  void check(const Address& from, frankapy::proto::Request& request);
   void stop(const Address& from);
   void tell_status(const Address& from, std::uint64_t id);
 
@@ -75,7 +76,7 @@ class Skills {
     ConnectedArm::Connection connection;
     frankapy::proto::Skill message;  // what the skill is, or will be
     std::uint64_t skill_id = 0;
-    std::optional<realtime::Reference> after;  // the end of the one before, where that is queued behind
+    std::optional<realtime::Reference> after;  // the end of the one before, where that is queued behind; or where a checked one begins
     bool path = true;
     std::unique_ptr<realtime::Skill> skill;
   };
@@ -89,6 +90,7 @@ class Skills {
   void begin(Build& build);
   frankapy::proto::Skill changed(const Address& from, const frankapy::proto::ChangeSkill& change) const;
   void begin_change(Build& build);
+  void tell_checked(Build& build);
   void put_on_workbench(std::shared_ptr<Build> build, void (Skills::*go_on)(Build&));
   void cancel_queue(realtime::Ending ending);
   void end(const realtime::SkillResult& result);

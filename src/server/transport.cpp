@@ -216,6 +216,7 @@ void Transport::answer(const Address& from, proto::Request& request, std::uint64
     case proto::Request::kGetState: return get_state(from);
     case proto::Request::kStartSkill: return skills_.start(from, request, skill);
     case proto::Request::kChangeSkill: return skills_.change(from, request);
+    case proto::Request::kCheckSkill: return skills_.check(from, request);
     case proto::Request::kListTopics: return list_topics(from);
     case proto::Request::kGetServerStatus: return get_server_status(from);
     case proto::Request::kRecord: return record(from, request.record());

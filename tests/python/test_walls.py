@@ -1,6 +1,7 @@
 """Virtual walls: what they refuse, and that nothing goes through them."""
 
 import contextlib
+import struct
 
 import numpy as np
 import pytest
@@ -9,12 +10,17 @@ from conftest import HOME, client_after_crash
 from frankapy import FrankaArmArgumentError, FrankaArmBusyException, RigidTransform, proto
 from frankapy.cli import main
 from frankapy.parts import CartesianImpedance, FreeDrive, JointImpedance, MinJerkJoint, Never, StayJoint, StreamJoint, StreamPose, Time
-from frankapy.walls import Box, Capsule, Cylinder, Plane, Sphere
+from frankapy.walls import Box, Capsule, Cylinder, Mesh, Plane, Sphere, read_stl
 
 TRUTH_FILE = True
 LEFT = HOME + [0.9, 0, 0, 0, 0, 0, 0]
 WALL = Box([1, 0.01, 1], [0.4, 0.25, 0.5])
 FACE = 0.25 - 0.005  # m, its y
+# The corner i of a cube is at +1/2 along the axes whose bit i has.
+CUBE = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)]) - 0.5
+SIDES = [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4], [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5]]
+MESH = Mesh(CUBE * [1, 0.01, 1], SIDES, [0.4, 0.25, 0.5])  # the same as WALL
+DENTED = np.vstack([CUBE[:7], [0.1, 0.1, 0.1]])
 
 
 @pytest.fixture
@@ -58,6 +64,9 @@ REFUSED = {
     "a direction of nothing": (lambda fa: fa.walls.add("a", Plane([0, 0, 0])), "normal is"),
     "no name": (lambda fa: fa.walls.add("", Sphere(1)), "name"),
     "one that is not there": (lambda fa: fa.walls.remove("moon"), 'there is no wall "moon"'),
+    "a mesh with a dent": (lambda fa: fa.walls.add("a", Mesh(DENTED, SIDES)), 'Wall "a" is not convex: corner .* mm outside'),
+    "a mesh of squares": (lambda fa: fa.walls.add("a", Mesh(CUBE, [[0, 1, 2, 3]])), "triangles has shape"),
+    "a mesh of millions": (lambda fa: fa.walls.add("a", Mesh(CUBE, SIDES * 100)), "triangles has 1200 rows: expected at most 128"),
     "a plane that is held": (lambda fa: fa.walls.hold("a", Plane()), "is held and a plane"),
     "too many": (
         lambda fa: fa.walls.update({f"{i}": Sphere(0.1, [5, 5, 5]) for i in range(1000)}),
@@ -96,9 +105,37 @@ def test_a_way_through_a_wall_is_refused_with_the_place(walled):
     walled.goto_joints(LEFT, 2)
 
 
-@pytest.mark.parametrize("controller", [None, JointImpedance()], ids=["robot", "torque"])
-def test_what_is_streamed_through_a_wall_ends_before_it(controller, walled, ideal_arm):
+def test_a_way_is_checked_while_nothing_moves_and_by_whom_ever(walled, ideal_arm):
     walled.walls.add("glass", WALL)
+    with ideal_arm.client() as other:
+        with pytest.raises(FrankaArmArgumentError, match=r'MinJerkJoint: .*wall "glass" at \d+ % of its way'):
+            other.check(MinJerkJoint(LEFT, 3))
+        right = HOME - [1, 0, 0, 0, 0, 0, 0]
+        with pytest.raises(FrankaArmArgumentError, match='wall "glass"'):
+            other.check(MinJerkJoint(LEFT, 3), joints=right)
+        checked = other.check(MinJerkJoint(HOME, 3), joints=right, speed=0.5)
+        assert checked.duration == pytest.approx(6)
+        assert checked.stretch == 1
+        assert checked.robot_controller == proto.JOINT_POSITION
+        fast = other.check(MinJerkJoint(right, 0.1), JointImpedance())
+        assert fast.robot_controller == proto.TORQUE
+        assert fast.duration == pytest.approx(0.1 * fast.stretch)
+        assert fast.stretch > 5
+        assert not other.check(StreamJoint("goal"), JointImpedance(), Never()).HasField("duration")
+        with pytest.raises(FrankaArmArgumentError, match="joints has 2 elements"):
+            other.check(StayJoint(1), joints=[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("controller", "wall"),
+    [
+        pytest.param(None, WALL, id="robot"),
+        pytest.param(JointImpedance(), WALL, id="torque"),
+        pytest.param(JointImpedance(), MESH, id="mesh"),
+    ],
+)
+def test_what_is_streamed_through_a_wall_ends_before_it(controller, wall, walled, ideal_arm):
+    walled.walls.add("glass", wall)
     first = ideal_arm.cycle()
     parts = [StreamJoint("goal", delay=0, timeout=0), *([controller] if controller else [proto.InternalImpedance()])]
     walled.run(*parts, Never(), block=False)
@@ -166,11 +203,32 @@ def test_walls_outlive_the_process_of_their_arm(walled, ideal_arm):
             again.goto_joints(LEFT, ignore_virtual_walls=True)
 
 
-def test_the_command_line_turns_holds_and_keeps(ideal_arm, capsys):
+def test_stl_files_are_read_in_text_and_binary(tmp_path):
+    corners = CUBE[np.array(SIDES)] * 1000  # mm
+    binary, text = tmp_path / "binary.stl", tmp_path / "text.stl"
+    binary.write_bytes(bytes(80) + struct.pack("<I", 12) + b"".join(struct.pack("<12fH", 0, 0, 0, *each.ravel(), 0) for each in corners))
+    vertices = ["".join(f"vertex {x} {y} {z}\n" for x, y, z in each) for each in corners]
+    text.write_text("solid a\n" + "".join(f"facet normal 0 0 0\nouter loop\n{each}endloop\nendfacet\n" for each in vertices) + "endsolid a\n")
+    for path in (binary, text):
+        found, triangles = read_stl(path, scale=0.001)
+        assert found.shape == (8, 3)
+        np.testing.assert_allclose(found[triangles], CUBE[np.array(SIDES)], atol=1e-6)
+    binary.write_bytes(binary.read_bytes()[:-1])
+    with pytest.raises(FrankaArmArgumentError, match="is no STL file"):
+        read_stl(binary)
+
+
+def test_the_command_line_turns_holds_and_keeps(ideal_arm, capsys, tmp_path):
     def walls(*words: str) -> str:
         assert main(["walls", "--server", ideal_arm.server, *words]) == 0
         return capsys.readouterr().out
 
+    (tmp_path / "cube.stl").write_text(
+        "".join("facet\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in CUBE[each]) for each in SIDES)
+    )
+    shown = walls("add", "fixture", "mesh", "--file", str(tmp_path / "cube.stl"), "--scale", "0.1", "--at", "0.5", "0", "-0.5")
+    assert "mesh of 12 triangles at 0.5, 0, -0.5 m" in shown
+    assert walls("remove", "fixture").strip() == "no walls"
     walls("add", "ramp", "box", "1", "0.5", "0.1", "--at", "0.5", "0", "-0.5", "--turn", "0", "30", "90")
     shown = walls("add", "pen", "capsule", "0.005", "0.1", "--at", "0", "0", "0.05", "--held", "--keep")
     assert "box 1 x 0.5 x 0.1 at 0.5, 0, -0.5 m, turned 0 30 90 degrees" in shown
