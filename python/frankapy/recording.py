@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +16,13 @@ from google.protobuf.message import Message
 from frankapy import proto
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.progress import progress
+from frankapy.recording_file import RecordingFile
 from frankapy.wire_arrays import columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _STATES, _SKILLS, _LOG, _CLOCKS, _SENSORS = "/states", "/skills", "/log", "/clocks", "/sensors/"
-_MAGIC = b"\x89MCAP0\r\n"
 _LATE = 0.0015  # s from one state to the next from which on a cycle came late
 _DRIFT = 1e-3  # of a robot's clock against the server's; one that differs by more goes by another time, as a simulated arm's may
 _LONG = 10.0  # s in which a clock's drift shows
@@ -65,65 +64,17 @@ class Recording:
 
     def __init__(self, path: str | Path) -> None:
         """Read a file; raises FrankaArmArgumentError where it cannot be read, or is no MCAP file."""
-        try:
-            from mcap.exceptions import McapError
-            from mcap.records import Channel, Message, Metadata, Schema
-            from mcap.stream_reader import StreamReader
-        except ImportError:
-            raise FrankaArmArgumentError(
-                "Recordings are read with the package mcap, which is not there: pip install 'frankapy[recordings]'"
-            ) from None
-        self.path = Path(path)
-        self.about: dict[str, str] = {}
-        self.complete = False
-        schemas: dict[int, str] = {}
-        channels: dict[int, tuple[str, str]] = {}
-        raw: list[bytes] = []
-        times: list[int] = []
-        noted: list[tuple[int, int, str, str, int, bytes]] = []
-        state_channels: set[int] = set()
-        try:
-            size = self.path.stat().st_size
-            stream = self.path.open("rb")
-        except OSError as error:
-            raise FrankaArmArgumentError(f"{path} cannot be read: {error.strerror}") from None
-        with stream, progress(size, f"reading {self.path.name}", unit="B") as bar:
-            if stream.read(len(_MAGIC)) != _MAGIC:
-                raise FrankaArmArgumentError(f"{path} is no recording: it does not begin as an MCAP file does")
-            stream.seek(0)
-            try:
-                for count, record in enumerate(StreamReader(stream, record_size_limit=None).records):
-                    if count % 4096 == 0:
-                        bar.update(stream.tell() - bar.n)
-                    if isinstance(record, Message):
-                        if record.channel_id in state_channels:
-                            raw.append(record.data)
-                            times.append(record.log_time)
-                        else:
-                            topic, kind = channels[record.channel_id]
-                            noted.append((record.log_time, record.publish_time, topic, kind, record.sequence, record.data))
-                    elif isinstance(record, Schema):
-                        schemas[record.id] = record.name.rsplit(".", 1)[-1]
-                    elif isinstance(record, Channel):
-                        channels[record.id] = (record.topic, schemas.get(record.schema_id, ""))
-                        if record.topic == _STATES:
-                            state_channels.add(record.id)
-                    elif isinstance(record, Metadata):
-                        self.about |= record.metadata
-                        self.complete |= record.name == "end"
-            except (McapError, struct.error, EOFError, ValueError, OSError, KeyError):
-                self.complete = False
-            except Exception as error:  # of zstandard, where the last chunk is cut
-                if type(error).__name__ != "ZstdError":
-                    raise
-                self.complete = False
-        first = min([*times[:1], *(entry[0] for entry in noted)], default=0)
+        file = RecordingFile(path)
+        self.path = file.path
+        self.about = file.about
+        self.complete = file.complete
+        first = min([*file.times[:1], *(entry[0] for entry in file.noted)], default=0)
         self.start = first * 1e-9
-        self._raw = raw
-        self._times = (np.array(times, dtype=np.int64) - first) * 1e-9
+        self._raw = file.states
+        self._times = (np.array(file.times, dtype=np.int64) - first) * 1e-9
         self.noted = [
             Noted((time - first) * 1e-9, topic, kind, sequence, (sent - first) * 1e-9, data)
-            for time, sent, topic, kind, sequence, data in sorted(noted, key=lambda entry: entry[0])
+            for time, sent, topic, kind, sequence, data in sorted(file.noted, key=lambda entry: entry[0])
         ]
 
     @functools.cached_property

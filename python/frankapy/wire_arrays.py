@@ -7,13 +7,15 @@ are read at once: the layout of one is found by walking over it, and holds for t
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # wire types
 _SIGNED = (FieldDescriptor.TYPE_SINT32, FieldDescriptor.TYPE_SINT64)
+_BLOCK = 1 << 20  # bytes that are read at once: few enough for a processor to keep them at hand
+_Rows = np.ndarray | slice
 
 
 @dataclasses.dataclass
@@ -26,6 +28,16 @@ class _Value:
     end: int
 
 
+@dataclasses.dataclass
+class _Layout:
+    """Where fields are, and what makes messages have them there: some bits of some bytes."""
+
+    values: list[_Value]
+    places: np.ndarray
+    mask: np.ndarray
+    bits: np.ndarray
+
+
 def columns(descriptor: Descriptor, messages: Sequence[bytes]) -> dict[str, np.ndarray]:
     """Return an array for each field that some message has, by its name; those of inner messages as "outer.inner".
 
@@ -33,18 +45,44 @@ def columns(descriptor: Descriptor, messages: Sequence[bytes]) -> dict[str, np.n
     Raises ValueError for bytes that are no message.
     """
     result: dict[str, np.ndarray] = {}
-    sizes = np.fromiter((len(message) for message in messages), dtype=np.int64, count=len(messages))
+    sizes = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
     for size in np.unique(sizes).tolist():
-        rows = np.flatnonzero(sizes == size)
-        joined = np.frombuffer(b"".join(messages[row] for row in rows.tolist()), dtype=np.uint8).reshape(len(rows), size)
-        while len(rows):
-            values: list[_Value] = []
-            frame = np.zeros(size, dtype=np.uint8)  # bits that make the layout
-            _walk(descriptor, joined[0].tobytes(), 0, size, "", values, frame)
-            alike = ((joined & frame) == (joined[0] & frame)).all(axis=1)
-            _take(values, joined[alike], rows[alike], len(messages), result)
-            joined, rows = joined[~alike], rows[~alike]
+        layouts: list[_Layout] = []
+        for rows in _blocks(np.flatnonzero(sizes == size), size):
+            joined = np.frombuffer(b"".join([messages[row] for row in rows.tolist()]), dtype=np.uint8).reshape(len(rows), size)
+            for layout in layouts:
+                joined, rows = _read(layout, joined, rows, len(messages), result)
+            while len(rows):
+                layouts.append(_layout(descriptor, joined[0]))
+                joined, rows = _read(layouts[-1], joined, rows, len(messages), result)
     return result
+
+
+def _blocks(rows: np.ndarray, size: int) -> Iterator[np.ndarray]:
+    step = max(1, _BLOCK // max(1, size))
+    for first in range(0, len(rows), step):
+        yield rows[first : first + step]
+
+
+def _layout(descriptor: Descriptor, message: np.ndarray) -> _Layout:
+    values: list[_Value] = []
+    frame = np.zeros(len(message), dtype=np.uint8)  # bits that make the layout
+    _walk(descriptor, message.tobytes(), 0, len(message), "", values, frame)
+    places = np.flatnonzero(frame)
+    return _Layout(values, places, frame[places], message[places] & frame[places])
+
+
+def _read(
+    layout: _Layout, joined: np.ndarray, rows: np.ndarray, count: int, result: dict[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Take what messages of this layout hold; return the others, with their rows."""
+    alike = ((joined.take(layout.places, axis=1) & layout.mask) == layout.bits).all(axis=1)
+    if alike.all():
+        _take(layout.values, joined, rows, count, result)
+        return joined[:0], rows[:0]
+    if alike.any():
+        _take(layout.values, joined[alike], rows[alike], count, result)
+    return joined[~alike], rows[~alike]
 
 
 def _varint(data: bytes, at: int, frame: np.ndarray, fixed: bool) -> tuple[int, int]:
@@ -89,6 +127,9 @@ def _walk(
 
 
 def _take(values: list[_Value], joined: np.ndarray, rows: np.ndarray, count: int, result: dict[str, np.ndarray]) -> None:
+    at: _Rows = rows
+    if len(rows) == rows[-1] - rows[0] + 1:  # of neighbours numpy copies more quickly
+        at = slice(int(rows[0]), int(rows[-1]) + 1)
     for value in values:
         field, part = value.field, joined[:, value.start : value.end]
         if field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
@@ -96,16 +137,16 @@ def _take(values: list[_Value], joined: np.ndarray, rows: np.ndarray, count: int
             for row, text in zip(rows, part, strict=True):
                 texts[row] += (text.tobytes().decode(errors="replace"),)
         elif field.cpp_type == FieldDescriptor.CPPTYPE_DOUBLE:
-            numbers = np.ascontiguousarray(part).view("<f8")
+            numbers = part.view("<f8")
             width = numbers.shape[1] if field.is_packed else None
-            _put(result, value.name, rows, numbers if width else numbers[:, 0], np.nan, count)
+            _put(result, value.name, at, numbers if width else numbers[:, 0], np.nan, count)
         else:
             number = np.zeros(len(rows), dtype=np.uint64)
             for i in range(part.shape[1]):
                 number |= (part[:, i] & 0x7F).astype(np.uint64) << np.uint64(7 * i)
             if field.type in _SIGNED:
                 number = (number >> np.uint64(1)) ^ (~(number & np.uint64(1)) + np.uint64(1))
-            _put(result, value.name, rows, number.view(np.int64), 0, count)
+            _put(result, value.name, at, number.view(np.int64), 0, count)
 
 
 def _texts(count: int) -> np.ndarray:
@@ -114,7 +155,7 @@ def _texts(count: int) -> np.ndarray:
     return texts
 
 
-def _put(result: dict[str, np.ndarray], name: str, rows: np.ndarray, values: np.ndarray, nothing: float, count: int) -> None:
+def _put(result: dict[str, np.ndarray], name: str, rows: _Rows, values: np.ndarray, nothing: float, count: int) -> None:
     shape = (count, *values.shape[1:])
     there = result.get(name)
     if there is None or there.shape[1:] < shape[1:]:
