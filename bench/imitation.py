@@ -43,14 +43,17 @@ def rise(s: np.ndarray) -> np.ndarray:
 
 
 def pouring(start: np.ndarray, rotation: np.ndarray) -> Demonstration:
-    """Return a motion of the tool with a bow and a loop, that turns by 150 degrees."""
+    """Return a motion of the tool with a bow and a loop, that turns by 150 degrees, as fast as the arm can be led along it.
+
+    What is faster than the arm's joints may accelerate would be slowed there, and be late beside what was shown from then on.
+    """
     s = np.linspace(0, 1, 1001)
     p = rise(s)
     bow = 4 * p * (1 - p)
     positions = start + np.outer(p, [0.1, -0.15, -0.1]) + np.outer(bow, [0, 0.05, 0.08]) + np.outer(bow * np.sin(6 * np.pi * p), [0.02, 0, 0.02])
     turns = [RigidTransform.z_axis_rotation(np.radians(150) * each) @ rotation for each in p]
     orientations = np.array([RigidTransform(turn, np.zeros(3)).quaternion for turn in turns])
-    return Demonstration(4 * s, None, positions, orientations)
+    return Demonstration(5 * s, None, positions, orientations)
 
 
 def peer_rms(demonstration: Demonstration) -> float:
@@ -78,14 +81,15 @@ def on_the_arm(entries: dict[str, float]) -> Demonstration:
             shown = pouring(pose.translation, pose.rotation)
             primitive = dmp.fit(shown, "pose")
             first = simulation.truth().cycle
-            fa.run(primitive.part(), InternalImpedance())
+            stretch = fa.run(primitive.part(), InternalImpedance()).stretch
+            print(f"what was learned of a pose took {stretch:.4f} times as long as was shown", file=sys.stderr)
             rows = read_truth(truth, until=simulation.truth().cycle)
             rows = rows[rows["cycle"] > first]
             matrices = rows["O_T_TCP"].reshape(-1, 4, 4).transpose(0, 2, 1)
             count = round(1000 * shown.duration)
             even = shown.resampled(count + 1)
             best = np.inf, np.inf
-            for begin in range(0, len(matrices) - count, 5):  # the truth begins before the motion, and lags it a little
+            for begin in range(len(matrices) - count):  # the truth begins before the motion, and lags it a little
                 part = matrices[begin : begin + count + 1]
                 distance = np.sqrt(np.mean(np.sum((part[:, :3, 3] - even.positions) ** 2, axis=1)))
                 if distance < best[0]:
