@@ -345,6 +345,70 @@ def test_a_disk_that_is_read_only_is_said(tmp_path):
     assert files == 0
 
 
+# Loaded before the C library: writes to recordings wait as long as the file DISK_STANDS_STILL is there.
+_STANDING_DISK = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static void wait_for_disk(int fd) {
+  const char* still = getenv("DISK_STANDS_STILL");
+  struct stat about;
+  char link[64], path[4096];
+  if (still == NULL || fstat(fd, &about) != 0 || !S_ISREG(about.st_mode)) return;
+  snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
+  const ssize_t size = readlink(link, path, sizeof path - 1);
+  if (size < 5 || memcmp(path + size - 5, ".mcap", 5) != 0) return;
+  while (access(still, F_OK) == 0) usleep(1000);
+}
+
+ssize_t write(int fd, const void* data, size_t size) {
+  wait_for_disk(fd);
+  return ((ssize_t(*)(int, const void*, size_t))dlsym(RTLD_NEXT, "write"))(fd, data, size);
+}
+
+int fdatasync(int fd) {
+  wait_for_disk(fd);
+  return ((int (*)(int))dlsym(RTLD_NEXT, "fdatasync"))(fd);
+}
+"""
+
+
+def test_a_slow_disk_costs_the_recording_and_nothing_else(tmp_path, monkeypatch):
+    source, library, still = tmp_path / "disk.c", tmp_path / "disk.so", tmp_path / "still"
+    source.write_text(_STANDING_DISK)
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
+    monkeypatch.setenv("LD_PRELOAD", str(library))
+    monkeypatch.setenv("DISK_STANDS_STILL", str(still))
+    with Simulation(SimulatedArm(lockstep=True), recordings=tmp_path) as simulation:
+        monkeypatch.delenv("LD_PRELOAD")
+        with FrankaArm(server=simulation.server) as fa, FrankaArm(server=simulation.server) as other:
+            fa.goto_joints(HOME, 1)
+            with fa.recording() as status:
+                still.touch()
+                stood = status().states
+                # For longer than the ring of states lasts. As the disk stands, this ends only if nobody waits for it.
+                for _ in range(8):
+                    fa.goto_joints(AWAY, 1)
+                    assert np.abs(other.get_joints() - AWAY).max() < 0.01
+                    fa.goto_joints(HOME, 1)
+                assert status().states - stood < 8000
+                still.unlink()
+                while status().lost == 0:
+                    time.sleep(0.01)
+                fa.goto_joints(AWAY, 1)
+            lost, path = status().lost, status().file
+    recording = Recording(path)
+    assert recording.complete
+    assert lost > 1000 and recording.about["lost"] == str(lost)
+    assert np.sum(np.diff(recording.states["cycles"].astype(int)) - 1) >= lost
+    assert np.abs(recording.states["q"][-1] - AWAY).max() < 0.01  # it went on
+
+
 def test_skills_are_recorded_each(tmp_path):
     with Simulation(SimulatedArm(lockstep=True), record="skills", recordings=tmp_path) as simulation:
         with FrankaArm(server=simulation.server) as fa:
