@@ -62,7 +62,9 @@ Recording::Recording(const BlackBox& box, const std::filesystem::path& path, con
 }
 
 void Recording::write() {
-  while (records_.next(record_)) write(record_);
+  // What there is now: on a slow disk more comes than is written, without end.
+  const std::uint64_t end = box_.records.written();
+  while (records_.position() < end && records_.next(record_)) write(record_);
   while (box_.journal.read(place_, entry_)) {
     if (entry_.time_ns >= oldest_ns_) write(entry_);
   }
