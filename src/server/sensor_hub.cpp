@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <utility>
 
 #include "server/clocks.hpp"
 #include "server/registry.hpp"
@@ -19,6 +21,7 @@ constexpr std::int64_t kMaxSensorMessage = 1 << 16;  // bytes; a longer one ends
 constexpr int kReceiveQueue = 10'000;          // messages; a publisher of more has to wait
 constexpr std::size_t kMaxTopics = 256;
 constexpr std::size_t kMaxPublishers = 64;     // of one topic
+constexpr std::size_t kMaxKinds = 64;          // of one topic
 constexpr std::size_t kMaxTopicName = 256;     // bytes
 constexpr auto kWait = std::chrono::milliseconds(50);
 constexpr const char* kTermination = "ShouldTerminateSensorMessage";
@@ -42,9 +45,14 @@ SensorHub::~SensorHub() {
   thread_.join();
 }
 
-void SensorHub::bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs, bool queued) {
+void SensorHub::bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs,
+                     const std::map<std::string, double>& timeouts, bool queued) {
   const std::lock_guard lock(mutex_);
-  for (auto& input : inputs) listeners_.push_back({skill, std::move(input), queued});
+  for (auto& input : inputs) {
+    const auto timeout = timeouts.find(input->topic());
+    const double longest = timeout == timeouts.end() ? 0 : timeout->second;
+    listeners_.push_back({skill, std::move(input), std::llround(1e9 * longest), queued});
+  }
 }
 
 void SensorHub::release(std::uint64_t skill) {
@@ -118,24 +126,30 @@ void SensorHub::take(const zmq::message_t& frame) {
   ClockEstimate::Way way;
   if (message.has_sent_ns() && !behind) way = from.clock.take(message.sent_ns(), since_epoch_ns(now), message.way_ns());
   note(message, from, now);
-  if (behind) {
+  const std::string kind = topic.told.message();
+  const bool ends = kind == kTermination;  // an end is an end at any time
+  if (behind || (!ends && way.in_future == 0 && overtaken(topic, kind, message.sent_ns() - from.clock.ahead_ns(), way.longer))) {
     topic.told.set_out_of_order(topic.told.out_of_order() + 1);
-    return;
+    if (!ends) return;
   }
-  if (message.has_sequence()) {
+  if (message.has_sequence() && !behind) {
     if (!is_new) topic.told.set_lost(topic.told.lost() + message.sequence() - from.sequence - 1);
     from.sequence = message.sequence();
   }
-  if (way.longer > kStale) {
-    topic.told.set_stale(topic.told.stale() + 1);
-  } else if (way.longer > kLate) {
-    topic.told.set_late(topic.told.late() + 1);
-  }
-  if (way.in_future > 0 && topic.told.message() != kTermination) {  // an end is an end at any time
+  if (way.in_future > 0 && !ends) {
     return refuse(topic, fmt::format("its time stamp is {:.3f} s in the future of those before",
                                      1e-9 * static_cast<double>(way.in_future)));
   }
-  deliver(topic, message);
+  deliver(topic, message, ends ? 0 : way.longer);
+}
+
+// Whether another publisher's newer message of this kind came before. What is not late is not asked: clocks are known no better.
+bool SensorHub::overtaken(Topic& topic, const std::string& kind, std::int64_t sent, std::int64_t longer) const {
+  if (topic.newest_ns.size() >= kMaxKinds) topic.newest_ns.clear();
+  std::int64_t& newest = topic.newest_ns[kind];
+  if (longer > kLate && sent + kLate < newest) return true;
+  newest = std::max(newest, sent);
+  return false;
 }
 
 // With its time by our clock, and now and then what makes the difference.
@@ -152,10 +166,11 @@ void SensorHub::note(const proto::SensorMessage& message, Publisher& from, std::
   journal_.note("/clocks", difference.GetTypeName(), difference.SerializeAsString());
 }
 
-void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message) {
+// `longer`: than the quickest of its publisher it took, ns.
+void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::int64_t longer) {
   const std::string kind = kind_of(message.message());
   std::vector<realtime::SensorSample> samples;
-  bool heard = false, taken = false;
+  bool heard = false, taken = false, dropped = false;
   std::string expected;
   try {
     for (const Listener& listener : listeners_) {
@@ -175,7 +190,14 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message) {
         sample.sent_ns = message.sent_ns();
         if (const std::string why = input.check(sample); !why.empty()) throw wire::Invalid(kind + ": " + why);
       }
-      for (const auto& sample : samples) {
+      bool replaces = false;
+      for (realtime::SensorSample sample : samples) {
+        replaces |= sample.replaces;
+        if (listener.longest_ns > 0 && longer - std::llround(1e9 * sample.lead) > listener.longest_ns) {
+          dropped = true;
+          continue;
+        }
+        sample.replaces = std::exchange(replaces, false);
         if (!input.put(sample)) topic.told.set_overrun(topic.told.overrun() + 1);
       }
     }
@@ -184,6 +206,21 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message) {
     return refuse(topic, invalid.what());
   }
   if (heard && !taken) refuse(topic, fmt::format("it is {}: expected {}", kind, expected));
+  count_late(topic, message, longer, dropped);
+}
+
+void SensorHub::count_late(Topic& topic, const proto::SensorMessage& message, std::int64_t longer, bool dropped) {
+  if (dropped || longer > kStale) {
+    topic.told.set_stale(topic.told.stale() + 1);
+  } else if (longer > kLate) {
+    topic.told.set_late(topic.told.late() + 1);
+  }
+  if (dropped && !topic.stale) {
+    spdlog::warn("{}: a message took {:.3f} s longer than the quickest of its publisher, more than the timeout of the part that "
+                 "listens: it moves nothing",
+                 message.topic(), 1e-9 * static_cast<double>(longer));
+  }
+  topic.stale = dropped;
 }
 
 // Until the skills before its own have ended.

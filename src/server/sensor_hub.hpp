@@ -22,7 +22,8 @@ namespace server {
 
 // Takes SensorMessages from any number of publishers and puts them into the parts of skills that listen to their topics. What
 // cannot be read, is of another kind, carries numbers that are not finite or against the message's rules or the part's own check,
-// or comes behind a newer one, is counted with its topic and dropped.
+// or comes behind a newer one or too late for it, is counted with its topic and dropped; but not what ends a skill, which does so
+// at any time.
 class SensorHub {
  public:
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken.
@@ -32,8 +33,10 @@ class SensorHub {
   const std::string& endpoint() const { return endpoint_; }
 
   // From now on, until release(), messages get into these inputs of a skill; into those of one that is queued only while no
-  // skill before it listens to their topic.
-  void bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs, bool queued);
+  // skill before it listens to their topic. `timeouts`: of topics, s; what took longer than that on its way, beside the quickest
+  // of its publisher, tells them nothing any more.
+  void bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs,
+            const std::map<std::string, double>& timeouts, bool queued);
   void release(std::uint64_t skill);
 
   // What came over each topic so far.
@@ -46,6 +49,7 @@ class SensorHub {
   struct Listener {
     std::uint64_t skill;
     std::shared_ptr<realtime::SensorInput> input;
+    std::int64_t longest_ns;  // that a message may take; 0: any time
     bool queued;
   };
   struct Publisher {
@@ -56,12 +60,16 @@ class SensorHub {
     frankapy::proto::Topics::Topic told;
     std::int64_t arrived_ns = 0;  // CLOCK_MONOTONIC, of the newest
     std::map<std::uint64_t, Publisher> publishers;
+    std::map<std::string, std::int64_t> newest_ns;  // of each kind: when the newest was sent, by our clock
+    bool stale = false;  // the newest was
   };
 
   void run();
   void take(const zmq::message_t& frame);
   void note(const frankapy::proto::SensorMessage& message, Publisher& from, std::int64_t now);
-  void deliver(Topic& topic, const frankapy::proto::SensorMessage& message);
+  bool overtaken(Topic& topic, const std::string& kind, std::int64_t sent, std::int64_t longer) const;
+  void deliver(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t longer);
+  void count_late(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t longer, bool dropped);
   bool waits(const Listener& listener) const;
   void refuse(Topic& topic, const std::string& why);
   void count_garbage(const std::string& what);

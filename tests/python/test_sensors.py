@@ -336,25 +336,109 @@ def test_lost_and_late_messages_are_counted(fa):
         assert (topic.lost, topic.out_of_order) == (2, 1)
 
 
-def test_what_took_longer_on_its_way_is_counted_and_taken(fa):
+def publish(publisher, sequence, sent, message, number=1):
+    """Send a message of another publisher, sent at another time (ns since 1970)."""
+    envelope = proto.SensorMessage(topic=publisher.topic, publisher=number, sequence=sequence, sent_ns=sent)
+    envelope.message.Pack(message)
+    publisher._socket.send(envelope.SerializeToString())
+
+
+def positions(joints):
+    return proto.JointPositionSensorMessage(joints=joints)
+
+
+def test_what_took_longer_on_its_way_is_counted_and_without_a_timeout_taken(fa):
     fa.run(StreamJoint("slow", delay=0, timeout=0), InternalImpedance(), Never(), block=False)
     sent = time.time_ns()
-
-    def publish(publisher, sequence, joints):
-        envelope = proto.SensorMessage(topic="slow", publisher=1, sequence=sequence, sent_ns=sent)
-        envelope.message.Pack(proto.JointPositionSensorMessage(joints=joints))
-        publisher._socket.send(envelope.SerializeToString())
-
     with fa.publisher("slow") as publisher:
-        publish(publisher, 1, HOME)
+        publish(publisher, 1, sent, positions(HOME))
         wait_for(fa, lambda: "slow" in fa.topics())
         time.sleep(1)
-        publish(publisher, 2, NEAR)
+        publish(publisher, 2, sent, positions(NEAR))
         wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
         topic = fa.topics()["slow"]
         assert topic.late + topic.stale == 1
         assert (topic.lost, topic.out_of_order, topic.refused) == (0, 0, 0)
     fa.stop_skill()
+
+
+def received(fa, publisher, count):
+    wait_for(fa, lambda: publisher.topic in fa.topics() and fa.topics()[publisher.topic].received == count)
+    return fa.topics()[publisher.topic]
+
+
+def stays(fa, joints):
+    until = fa.get_arm_state().cycles + 200
+    wait_for(fa, lambda: fa.get_arm_state().cycles > until)
+    assert np.abs(fa.get_joints() - joints).max() < 0.01
+
+
+def test_what_is_older_than_the_timeout_moves_nothing(fa):
+    fa.goto_joints(HOME, 1)
+    fa.run(StreamJoint("old", delay=0, timeout=0.5), InternalImpedance(), Never(), block=False)
+    sent = time.time_ns()
+    with fa.publisher("old") as publisher:
+        publish(publisher, 1, sent, positions(HOME))
+        received(fa, publisher, 1)
+        time.sleep(0.6)
+        publish(publisher, 2, sent, positions(NEAR))
+        assert received(fa, publisher, 2).stale == 1
+        stays(fa, HOME)
+        sequence = iter(range(3, 1000))
+
+        def arrives():
+            publish(publisher, next(sequence), time.time_ns(), positions(NEAR))
+            time.sleep(0.02)
+            return np.abs(fa.get_joints() - NEAR).max() < 0.01
+
+        wait_for(fa, arrives)
+    fa.stop_skill()
+
+
+def test_of_a_chunk_that_comes_late_what_is_not_over_yet_is_taken(fa):
+    fa.goto_joints(HOME, 1)
+    fa.run(StreamJoint("chunks", timeout=0.5), InternalImpedance(), Never(), block=False)
+    sent = time.time_ns()
+    with fa.publisher("chunks") as publisher:
+        publish(publisher, 1, sent, proto.JointChunk(times=[0.1], joints=HOME))
+        received(fa, publisher, 1)
+        time.sleep(0.7)
+        publish(publisher, 2, sent, proto.JointChunk(times=[0.05, 0.1], joints=[*NEAR, *NEAR]))
+        assert received(fa, publisher, 2).stale == 1
+        stays(fa, HOME)
+        publish(publisher, 3, sent, proto.JointChunk(times=[0.05, 30], joints=[*HOME, *NEAR]))
+        wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 0.005)
+    fa.stop_skill()
+
+
+def test_an_old_target_of_another_publisher_does_not_replace_a_newer_one(fa):
+    fa.goto_joints(HOME, 1)
+    fa.run(StreamJoint("two", delay=0, timeout=0), InternalImpedance(), Never(), block=False)
+    sent = time.time_ns()
+    with fa.publisher("two") as publisher:
+        publish(publisher, 1, sent, positions(HOME), number=1)
+        received(fa, publisher, 1)
+        time.sleep(0.1)
+        publish(publisher, 1, sent, positions(NEAR), number=2)  # by its own clock, that nobody knows
+        received(fa, publisher, 2)
+        publish(publisher, 2, sent, positions(HOME), number=1)
+        assert received(fa, publisher, 3).out_of_order == 1
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        stays(fa, NEAR)
+    fa.stop_skill()
+
+
+def test_an_end_counts_however_late_and_out_of_order_it_comes(fa):
+    fa.run(StreamJoint("late end", delay=0, timeout=0.1), InternalImpedance(), [SensorSays("late end"), Never()], block=False)
+    sent = time.time_ns()
+    with fa.publisher("late end") as publisher:
+        publish(publisher, 1, sent, GO_ON)
+        publish(publisher, 7, sent, GO_ON)
+        received(fa, publisher, 2)
+        time.sleep(0.2)
+        publish(publisher, 3, sent, END)
+        fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "SensorSays"
 
 
 def test_the_status_says_who_commands(fa, ideal_arm, capsys):
