@@ -243,8 +243,7 @@ class FrankaArm:
         joints = vector("joints", joints, 7)
         reach.check(joints, *self._rest_range())
         if not ignore_virtual_walls:
-            tool = poses.tool_frames(joints, self._tool_delta_pose.matrix)[-1]
-            self._check_walls("goto_joints", arm=collision_boxes.corners_at(joints), tool=tool[None, :3, 3])
+            self._check_walls_at("goto_joints", joints)
         controller = controllers.of_joints(dynamic or use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains)
         if dynamic:
             ends = endings.of_stream(duration, buffer_time, force_thresholds, torque_thresholds)
@@ -297,6 +296,46 @@ class FrankaArm:
                 position=goal[:3, 3], quaternion=poses.quaternion(goal), duration=number("duration", duration)
             )
             self._run(trajectory, controller, ends, skill_desc, block, ignore_errors)
+
+    @checks_flags
+    def goto_pose_by_joints(
+        self, tool_pose: RigidTransform, duration: float | None = None, near: Numbers | None = None, use_impedance: bool = False,
+        buffer_time: float = _BUFFER_TIME, force_thresholds: Numbers | None = None, torque_thresholds: Numbers | None = None,
+        cartesian_impedances: Numbers | None = None, joint_impedances: Numbers | None = None,
+        k_gains: Numbers | None = None, d_gains: Numbers | None = None,
+        block: bool = True, ignore_errors: bool = True, ignore_virtual_walls: bool = False,
+        skill_desc: str = "GoToPoseByJoints",
+    ) -> None:  # fmt: skip
+        """Move the tool to a pose by the shortest way of the joints, along which the tool goes wherever they take it.
+
+        So also where the line of `goto_pose` would lead past a singular posture, the end of a joint's range or through the base.
+        Returns when each measured joint is within 0.1 mrad of those that `ik` found, or `buffer_time` after the end of the
+        motion (with `block=False` when the server has taken the skill).
+
+        Args:
+            tool_pose: goal, from franka_tool to world. One that no joints bring the tool to raises FrankaArmArgumentError.
+            duration: s, along minimum-jerk curves; None: as fast as half of the arm's limits allow, times `speed`.
+            near: posture near which the joints of the pose are to be, rad, (7,), so which way the elbow points; None: where the
+                arm is now.
+
+        The other arguments are those of `goto_joints`.
+
+        Example:
+            >>> pose = fa.get_pose()
+            >>> pose.translation = [0.45, 0.25, 0.4]
+            >>> fa.goto_pose_by_joints(pose)
+        """
+        joints = self.ik(tool_pose, near)
+        if not ignore_virtual_walls:
+            self._check_walls_at("goto_pose_by_joints", joints)
+        trajectory = (
+            proto.TimeOptimalJoint(q=joints)
+            if duration is None
+            else proto.MinJerkJoint(q=joints, duration=number("duration", duration))
+        )
+        controller = controllers.of_joints(use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains)
+        ends = endings.at_goal(proto.FinalJoint(judged=proto.FinalJoint.ARM), buffer_time, force_thresholds, torque_thresholds)
+        self._run(trajectory, controller, ends, skill_desc, block, ignore_errors)
 
     @checks_flags
     def goto_pose_delta(
@@ -1025,7 +1064,7 @@ class FrankaArm:
         return bool(np.all((lower < joints) & (joints < upper)))
 
     def ik(self, tool_pose: RigidTransform, near: Numbers | None = None) -> np.ndarray:
-        """Return joints (rad, (7,)) that bring the tool to a pose, for `goto_joints`.
+        """Return joints (rad, (7,)) that bring the tool to a pose, as `goto_pose_by_joints` goes to.
 
         Of all such joints, those near to `near` (rad, (7,)); None: to where the arm is, offline to home. Raises
         FrankaArmArgumentError when no joints within the limits do, with how near they come.
@@ -1033,7 +1072,7 @@ class FrankaArm:
         Example:
             >>> pose = fa.get_pose()
             >>> pose.translation[2] += 0.05
-            >>> fa.goto_joints(fa.ik(pose), duration=3)
+            >>> joints = fa.ik(pose)
         """
         poses.check("tool_pose", tool_pose, (TOOL, WORLD))
         if self._connection is None:
@@ -1148,6 +1187,10 @@ class FrankaArm:
 
     def _check_walls(self, what: str, **points: np.ndarray) -> None:
         collision_boxes.check(FC.WORKSPACE_WALLS, what, **points)
+
+    def _check_walls_at(self, what: str, joints: np.ndarray) -> None:
+        tool = poses.tool_frames(joints, self._tool_delta_pose.matrix)[-1]
+        self._check_walls(what, arm=collision_boxes.corners_at(joints), tool=tool[None, :3, 3])
 
     @property
     def _in_skill(self) -> bool:

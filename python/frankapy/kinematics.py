@@ -28,6 +28,7 @@ REACHED = 1e-6  # m and rad, from a pose that is reached
 _ARM = 0.5  # m per rad, to compare distances and angles
 _NEARLY = 0.05  # m and rad
 _ATTEMPTS, _STEPS = 30, 200
+_ENOUGH = 4  # that reach the pose, to take the nearest of
 HAND_YAW = -np.pi / 4  # rad, of the hand about the flange's z
 
 
@@ -70,7 +71,7 @@ def inverse(flange: np.ndarray, near: np.ndarray, lower: np.ndarray, upper: np.n
     """Return joints inside their limits that bring the flange to a pose, the nearest to `near` that a descent finds.
 
     Damped least squares (damping after Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt
-    method", 2011), the redundant motion towards `near`; first from there, then from other postures.
+    method", 2011), the redundant motion towards `near`; first from there, and where that does not do, from other postures.
 
     Args:
         flange: in the base, (4, 4).
@@ -81,17 +82,19 @@ def inverse(flange: np.ndarray, near: np.ndarray, lower: np.ndarray, upper: np.n
     Returns joints (rad, (7,)), and how far from the pose they are, in m and rad: both are tiny where it can be reached.
     """
     random = np.random.default_rng(0)
-    best: tuple[np.ndarray, float, float] | None = None
+    tried: list[tuple[np.ndarray, float, float]] = []
+    reached: list[tuple[np.ndarray, float, float]] = []
     for attempt in range(_ATTEMPTS):
         start = near if attempt == 0 else random.uniform(lower, upper)
         joints, error = _descend(flange, np.clip(start, lower, upper), near, lower, upper)
-        found = joints, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-        if max(found[1:]) < REACHED:
-            return found
-        if best is None or found[1] + _ARM * found[2] < best[1] + _ARM * best[2]:
-            best = found
-    assert best is not None
-    return best
+        tried.append((joints, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))))
+        if max(tried[-1][1:]) < REACHED:
+            reached.append(tried[-1])
+            if attempt == 0 or len(reached) == _ENOUGH:
+                break
+    if reached:
+        return min(reached, key=lambda each: float(np.linalg.norm(each[0] - near)))
+    return min(tried, key=lambda each: each[1] + _ARM * each[2])
 
 
 def _descend(

@@ -10,6 +10,8 @@ from frankapy import kinematics, proto
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.franka_constants import FrankaConstants as FC
 
+_INSIDE = 1e-6  # rad, so that joints at the end of their range may be gone to
+
 
 def rest_range(limits: proto.JointLimits | None) -> tuple[np.ndarray, np.ndarray]:
     """Return where motions of the joints may end, rad: of the connected arm, without one of the FER."""
@@ -33,7 +35,7 @@ def joints_for(flange: np.ndarray, near: np.ndarray, lower: np.ndarray, upper: n
 
     Raises FrankaArmArgumentError where there are none, with how near they come.
     """
-    joints, distance, angle = kinematics.inverse(flange, near, lower, upper)
+    joints, distance, angle = kinematics.inverse(flange, near, lower + _INSIDE, upper - _INSIDE)
     if max(distance, angle) > kinematics.REACHED:
         raise FrankaArmArgumentError(
             f"Target pose not reachable! The joints come as near as {1e3 * distance:.1f} mm and "

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import HOME
 
-from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, RigidTransform, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaConstants, RigidTransform, kinematics, proto
 
 TRUTH_FILE = True
 
@@ -337,6 +337,50 @@ def test_the_arm_goes_where_inverse_kinematics_says(fa):
     np.testing.assert_allclose(fa.get_pose().matrix, pose.matrix, atol=2e-3)
     # Near in the redundant motion: less far than straight home and there
     assert np.abs(joints - HOME).max() < 0.6
+
+
+@pytest.mark.parametrize("duration", [None, 1.5])
+def test_a_pose_beyond_the_base_is_gone_to_by_joints(fa, ideal_arm, duration):
+    behind = pose_at(fa, HOME + [2.4, 0, 0, 0, 0, 0, 0])
+    fa.goto_pose_by_joints(behind, duration, ignore_virtual_walls=True)
+    result = fa.last_skill_result
+    assert (result.ending, result.termination) == (proto.TERMINATED, "FinalJoint")
+    assert duration is None or result.time == pytest.approx(duration, abs=0.3)
+    np.testing.assert_allclose(ideal_arm.simulation.truth().O_T_TCP[:3, 3], behind.translation, atol=5e-4)
+    fa.goto_joints(HOME, 2, ignore_virtual_walls=True)
+
+
+def test_a_pose_is_gone_to_with_the_elbow_where_it_is_to_be(fa):
+    pose = fa.get_pose()
+    for side in (-0.5, 0.5):
+        near = HOME + [-1.55 * side, 0, side, 0, 0.7 * side, 0, -0.84 * side]
+        fa.goto_pose_by_joints(pose, near=near, use_impedance=True)
+        np.testing.assert_allclose(fa.get_pose().matrix, pose.matrix, atol=3e-3)
+        assert fa.get_joints()[2] == pytest.approx(side, abs=0.1)
+
+
+def test_a_pose_that_is_not_gone_to_by_joints_moves_nothing(fa):
+    pose = fa.get_pose()
+    pose.translation = [1.2, 0, 0.4]
+    with pytest.raises(FrankaArmArgumentError, match="not reachable! The joints come as near as"):
+        fa.goto_pose_by_joints(pose)
+    pose.translation = [0.5, 0, -0.1]
+    with pytest.raises(FrankaArmArgumentError, match="goto_pose_by_joints"):
+        fa.goto_pose_by_joints(pose)  # behind the workspace's floor
+    with pytest.raises(FrankaArmArgumentError, match="near has 6 elements"):
+        fa.goto_pose_by_joints(fa.get_pose(), near=HOME[:6])
+    np.testing.assert_allclose(fa.get_joints(), HOME, atol=1e-3)
+
+
+def test_of_several_ways_to_hold_the_arm_the_nearest_is_found():
+    lower, upper = np.array(FrankaConstants.JOINT_LIMITS_MIN), np.array(FrankaConstants.JOINT_LIMITS_MAX)
+    random = np.random.default_rng(3)
+    for _ in range(30):
+        near, goal = random.uniform(lower, upper, (2, 7))
+        flange = kinematics.link_frames(goal)[8]
+        found, *error = kinematics.inverse(flange, near, lower, upper)
+        assert max(error) < kinematics.REACHED
+        assert np.linalg.norm(found - near) < 1.5 * np.linalg.norm(goal - near), (near, goal)
 
 
 def test_poses_out_of_reach_are_refused_with_the_nearest(fa):
