@@ -1,14 +1,19 @@
 """Goals of the tool anywhere: refused with the place named, or driven inside the joints' limits; judged by the truth."""
 
 import contextlib
+import sys
 
 import numpy as np
 import pytest
-from conftest import FASTEST, HOME
+from conftest import FASTEST, HOME, REPOSITORY
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, RigidTransform, proto
 from frankapy.parts import CartesianImpedance, MinJerkPose, StayPose, Time
 from frankapy.sim import SimulatedArm, Simulation
+from frankapy.walls import Plane
+
+sys.path[:0] = [str(REPOSITORY / "tests" / "safety"), str(REPOSITORY / "tests" / "interop")]
+import judge as campaign_judge  # noqa: E402
 
 TRUTH_FILE = True
 
@@ -111,16 +116,63 @@ def test_an_integral_takes_away_what_a_load_leaves(fa, arm):
     assert left[1] < 0.002
 
 
-def test_a_posture_is_gone_near_while_the_tool_stays(fa, arm):
-    home, posture = arm.simulation.truth().O_T_TCP[:3, 3], HOME + 0.3 * ELBOW
+def led(fa, arm, posture):
+    """Let the arm be led near a posture for ten seconds; return what truly happened meanwhile.
+
+    The way is looked at before it begins for as long as the trajectory lasts, and from then on in each cycle.
+    """
     first = arm.cycle()
-    fa.run(StayPose(10), CartesianImpedance(2000, 200, nullspace_stiffness=50, posture=posture))
-    rows = arm.truth(since=first)
-    assert np.linalg.norm(fa.get_joints() - posture) < 0.3 * np.linalg.norm(HOME - posture)
+    result = fa.run(StayPose(0.3), CartesianImpedance(2000, 200, nullspace_stiffness=50, posture=posture), Time(10))
+    assert result.ending == proto.TERMINATED, result
+    return arm.truth(since=first)
+
+
+@pytest.mark.parametrize("way", [0.3, -0.6])
+def test_a_posture_is_gone_near_while_the_tool_stays(fa, arm, way):
+    """As near as the tool's place leaves: the elbow's motion is no straight line, and what is left is across it.
+
+    Where that ends an independent program says: damped least squares of the client's own kinematics.
+    """
+    home, posture = arm.simulation.truth().O_T_TCP[:3, 3], HOME + way * ELBOW
+    nearest = fa.ik(fa.get_pose(), near=posture)
+    rows = led(fa, arm, posture)
+    assert np.abs(rows["q"][-1] - nearest).max() < 0.02
+    assert abs(nearest[2] - HOME[2]) > 0.25
     assert np.abs(rows["O_T_TCP"].reshape(-1, 4, 4)[:, 3, :3] - home).max() < 0.004
     assert np.abs(rows["dq"]).max() < 0.3
     with pytest.raises(FrankaArmArgumentError, match=r"posture\[3\] is 1 rad"):
         fa.run(StayPose(1), CartesianImpedance(posture=np.ones(7)))
+
+
+def test_a_posture_beyond_a_wall_is_not_followed_into_it(fa, arm):
+    wall, posture = Plane([0, 1, 0], [0, -0.2, 0]), HOME - 0.6 * ELBOW
+    home = arm.simulation.truth().O_T_TCP[:3, 3]
+    assert campaign_judge.clearance(wall, fa.ik(fa.get_pose(), near=posture)) < -0.05  # where it would be
+    fa.walls.add("beside", wall)
+    try:
+        with pytest.raises(FrankaArmArgumentError, match='link . would come within . mm of wall "beside"'):
+            fa.run(StayPose(10), CartesianImpedance(posture=posture))
+        rows = led(fa, arm, posture)
+    finally:
+        fa.walls.remove("beside")
+    clearances = [campaign_judge.clearance(wall, q) for q in rows["q"][::100]]
+    assert 0.013 < min(clearances) < 0.02  # led no nearer than 16 mm; the wall's own spring would hold it at 10 mm
+    assert np.abs(rows["O_T_TCP"].reshape(-1, 4, 4)[:, 3, :3] - home).max() < 0.004
+
+
+def test_a_posture_in_which_the_arm_meets_itself_is_not_followed(fa, arm):
+    """Folded, with the hand near the shoulder, which turns below it as the elbow goes around."""
+
+    def folded(elbow: float) -> np.ndarray:
+        return np.array([0.92 - elbow, -0.02, elbow, -2.94, -1.23, 1.1, 0.79])
+
+    fa.goto_joints(folded(0.5), 2, ignore_virtual_walls=True)
+    posture = folded(1.1)
+    assert campaign_judge.self_distance(fa.ik(fa.get_pose(), near=posture)) < 0.02  # where it would be
+    rows = led(fa, arm, posture)
+    distances = [campaign_judge.self_distance(q) for q in rows["q"][::100]]
+    assert 0.029 < min(distances) < 0.036  # motions keep 0.031 m
+    assert rows["q"][-1, 2] > 0.6
 
 
 def test_the_next_motion_goes_after_the_arm_has_run_into_the_floor(fa, arm, robot):
