@@ -1,7 +1,7 @@
 """Every trajectory with every controller in every robot controller, on both models in lockstep.
 
 What the rule allows is run and compared with what the simulated arm really did; what it does not allow is to be refused.
-Tables, rule and comparison are those of tests/python/test_parts.py, so that a new kind comes in by its line there.
+Rule, examples and comparison are those of tests/python/part_combinations.py; a new kind is in it by itself.
   combinations_run      that moved both arms as told
   combinations_wrong    that did not, on either, and what was taken or refused against the rule
 build/combinations.md says of each whether it runs, or why it is refused.
@@ -10,54 +10,33 @@ build/combinations.md says of each whether it runs, or why it is refused.
 import json
 import logging
 import sys
-import tempfile
 from pathlib import Path
 
-from frankapy import FrankaArmArgumentError
+from frankapy import FrankaArm
 from frankapy.sim import SimulatedArm, Simulation
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests" / "python"))
-import conftest  # noqa: E402
-import test_parts as table  # noqa: E402
+from part_combinations import RUNS, Combination, combinations, tried  # noqa: E402
 
 OUTPUT = REPOSITORY / "build" / "combinations.md"
-RUNS = "runs"
 
 
-def outcomes(robot: str) -> dict[tuple[str, str, str], str]:
-    """Try them all on one arm; return by trajectory, controller and robot controller what came of it."""
-    of: dict[tuple[str, str, str], str] = {}
-    combinations = [each for each in table.COMBINATIONS if each[2] != "auto"]
+def outcomes(robot: str) -> dict[Combination, str]:
+    """Try them all on one arm; return what came of each."""
+    of: dict[Combination, str] = {}
     with (
-        tempfile.TemporaryDirectory() as folder,
         Simulation(SimulatedArm(robot=robot, lockstep=True, ideal=True)) as simulation,
+        FrankaArm(server=simulation.server) as fa,
     ):
-        arm = conftest.Arm(simulation, Path(folder) / "truth.npy")
-        with arm.client() as fa:
-            for each in combinations:
-                trajectory, controller, robot_controller = each
-                if not table.fits(*each):
-                    goal = fa.get_pose(include_tool_offset=False)
-                    part = table.JOINTS[trajectory]() if trajectory in table.JOINTS else table.POSES[trajectory](goal)
-                    try:
-                        fa.run(part, table.CONTROLLERS[controller](), robot_controller=robot_controller)
-                        of[each] = "WRONG: runs against the rule"
-                    except FrankaArmArgumentError as error:
-                        of[each] = str(error)
-            for each in combinations:
-                if not table.fits(*each):
-                    continue
-                try:
-                    table.moves_as_told(arm, fa, *each)
-                    of[each] = RUNS
-                except Exception as error:  # noqa: BLE001
-                    of[each] = f"WRONG: {' '.join(str(error).split())[:200]}"
-                    print(f"{robot} {each}: {of[each]}", file=sys.stderr, flush=True)
+        for each in combinations():
+            of[each] = tried(simulation, fa, *each)
+            if of[each].startswith("WRONG"):
+                print(f"{robot} {each}: {of[each]}", file=sys.stderr, flush=True)
     return of
 
 
-def write(of: dict[str, dict[tuple[str, str, str], str]]) -> None:
+def write(of: dict[str, dict[Combination, str]]) -> None:
     """Write the table; one line for each trajectory with each controller."""
     lines = ["# Combinations", "", "Trajectory, controller: the robot controllers in which it runs, and why not in others.", ""]
     lines += ["| trajectory | controller | runs in | refused |", "|---|---|---|---|"]

@@ -1,174 +1,44 @@
-"""Skills of any parts: combinations that fit move the arm as the truth says; each other is refused with what fits."""
+"""Parts: what is told of them, how they are made, what ends a skill, how fast it is, and what happens under a hand."""
 
 import ast
 import contextlib
 import inspect
-import itertools
-import random
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 from conftest import REPOSITORY
+from part_combinations import GOAL, HOME
 
 from frankapy import FrankaArmArgumentError, FrankaArmException, RigidTransform, parts, proto
 from frankapy.parts import (
-    Admittance,
     AllOf,
     AnyOf,
     CartesianImpedance,
-    CartesianVelocity,
     Contact,
-    CubicHermiteJoint,
-    CubicHermitePose,
     FinalJoint,
     FinalPose,
     ForceAbove,
-    ForceAxisImpedance,
-    ForcePosition,
-    FreeDrive,
-    GoalPoseDmp,
-    HybridForcePosition,
     Impulse,
     InternalImpedance,
-    JointDmp,
     JointImpedance,
-    JointSamples,
-    JointVelocity,
-    JointWaypoints,
-    LinearForcePosition,
-    LinearJoint,
-    LinearPose,
-    Lqr,
     MinJerkJoint,
     MinJerkPose,
     Moved,
     Never,
     OutsideBox,
     PassThrough,
-    PassThroughJointTorque,
-    PoseDmp,
-    PoseSamples,
-    PoseWaypoints,
-    QuaternionPoseDmp,
-    RelativeLinearPose,
-    RelativeMinJerkJoint,
     RelativeMinJerkPose,
-    SineJoint,
-    SinePose,
     StayJoint,
     StayPose,
-    StreamCartesianVelocity,
-    StreamForcePosition,
-    StreamJoint,
-    StreamJointVelocity,
-    StreamPose,
     Time,
     TimeOptimalJoint,
-    TimeOptimalPose,
     TorqueAbove,
     VelocityBelow,
 )
 
-HOME = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-GOAL = HOME + [0.1, -0.1, 0.1, 0.1, -0.1, 0.1, 0.1]
 STRETCHED = np.array([1.2, 1.0, 0, -0.6, 0, 2.4, 0.8])  # 0.9 m from the base
-SHIFT = np.array([0.03, 0.05, -0.04])  # m
-LEAST = 0.002  # rad and m that a motion may end beside its goal, of a spring that is held by friction
-
-SPRING = (1, 200, 50)  # of a movement primitive that rises in 0.5 s
-BASIS = ([1, 0.8], [50, 50])
-
-
-def far(*ways: float) -> np.ndarray:
-    """Return the weights of a movement primitive that ends so far from its start."""
-    return np.column_stack([ways, np.zeros(len(ways))])
-
-
-def fraction(samples: int) -> np.ndarray:
-    s = np.linspace(0, 1, samples)[:, None]
-    return s**3 * (10 - 15 * s + 6 * s**2)
-
-
-def samples_to(goal: RigidTransform) -> proto.PoseSamples:
-    position = goal.translation + (fraction(801) - 1) * SHIFT
-    return PoseSamples(position, np.tile(goal.quaternion, (801, 1)))
-
-
-JOINTS = {
-    "MinJerkJoint": lambda: MinJerkJoint(GOAL, 0.8),
-    "RelativeMinJerkJoint": lambda: RelativeMinJerkJoint(GOAL - HOME, 0.8),
-    "LinearJoint": lambda: LinearJoint(GOAL, 0.8),
-    "CubicHermiteJoint": lambda: CubicHermiteJoint(GOAL, 0.8),
-    "SineJoint": lambda: SineJoint(GOAL, 0.8),
-    "TimeOptimalJoint": lambda: TimeOptimalJoint(GOAL, 0.2),
-    "JointVelocity": lambda: JointVelocity((GOAL - HOME) / 0.9, np.full(7, 0.1 / 0.09), 1.0),
-    "JointDmp": lambda: JointDmp(*SPRING, *BASIS, far(*GOAL - HOME), duration=0.8),
-    "JointWaypoints": lambda: JointWaypoints([HOME + 0.5 * (GOAL - HOME), GOAL], speed=0.2),
-    "JointSamples": lambda: JointSamples(HOME + fraction(801) * (GOAL - HOME)),
-    "StreamJoint": lambda: StreamJoint("nobody"),
-    "StreamJointVelocity": lambda: StreamJointVelocity("nobody"),
-    "StayJoint": lambda: StayJoint(0.3),
-}
-POSES = {
-    "MinJerkPose": lambda goal: MinJerkPose(goal, 0.8),
-    "RelativeMinJerkPose": lambda goal: RelativeMinJerkPose(SHIFT, frame="base", duration=0.8),
-    "LinearPose": lambda goal: LinearPose(goal, 0.8),
-    "RelativeLinearPose": lambda goal: RelativeLinearPose(SHIFT, frame="base", duration=0.8),
-    "CubicHermitePose": lambda goal: CubicHermitePose(goal, 0.8),
-    "SinePose": lambda goal: SinePose(goal, 0.8),
-    "TimeOptimalPose": lambda goal: TimeOptimalPose(goal, 0.1),
-    "CartesianVelocity": lambda goal: CartesianVelocity([*SHIFT / 0.7, 0, 0, 0], [0.25] * 3 + [1] * 3, 1.0),
-    "PoseDmp": lambda goal: PoseDmp(*SPRING, *BASIS, far(*SHIFT, 0, 0, 0), duration=0.8),
-    "GoalPoseDmp": lambda goal: GoalPoseDmp(1, 16, 4, *BASIS, far(*SHIFT), duration=1.6, position_only=True),
-    "QuaternionPoseDmp": lambda goal: QuaternionPoseDmp(
-        *SPRING, *BASIS, far(*SHIFT), None, 48, 12, *BASIS, far(0, 0, 0), goal.quaternion, 0.6, 0.8
-    ),
-    "LinearForcePosition": lambda goal: LinearForcePosition(goal, duration=0.8),
-    "Impulse": lambda goal: Impulse([0, 0, 0.02], duration=0.3),
-    "PoseWaypoints": lambda goal: PoseWaypoints([goal.translation - SHIFT / 2, goal.translation], [goal.quaternion] * 2),
-    "PoseSamples": samples_to,
-    "StreamPose": lambda goal: StreamPose("nobody"),
-    "StreamForcePosition": lambda goal: StreamForcePosition("nobody"),
-    "StreamCartesianVelocity": lambda goal: StreamCartesianVelocity("nobody"),
-    "StayPose": lambda goal: StayPose(0.3),
-}
-# These have no end of their own.
-STREAMS = {"StreamJoint", "StreamPose", "StreamForcePosition", "StreamJointVelocity", "StreamCartesianVelocity"}
-STAY = {"StayJoint", "StayPose", "Impulse"} | STREAMS
-CONTROLLERS = {
-    "JointImpedance": lambda: JointImpedance(),
-    "CartesianImpedance": lambda: CartesianImpedance(1500, 100),
-    "CartesianImpedance of EE": lambda: CartesianImpedance([1500, 1200, 1000], 100, frame="end_effector"),
-    "JointImpedance damped": lambda: JointImpedance(damping_ratio=1, inertia_scale=0.8, integral_rate=2),
-    "Lqr": lambda: Lqr(),
-    "Admittance": lambda: Admittance(stiffness=[1000] * 3 + [100] * 3),
-    "ForcePosition": lambda: ForcePosition(position_kps_cart=[1500] * 3 + [100] * 3),
-    "ForcePosition of joints": lambda: ForcePosition(use_cartesian_gains=False, position_kps_joint=[1500] * 4 + [250, 150, 100]),
-    "HybridForcePosition": lambda: HybridForcePosition(),
-    "FreeDrive": lambda: FreeDrive(),
-    "PassThrough": lambda: PassThrough(),
-    "ForceAxisImpedance": lambda: ForceAxisImpedance("z"),
-    "PassThroughJointTorque": lambda: PassThroughJointTorque(),
-    "InternalImpedance K_theta": lambda: InternalImpedance([3000] * 7),
-    "InternalImpedance K_x": lambda: InternalImpedance(K_x=[2500] * 3 + [250] * 3),
-}
-ROBOT_CONTROLLERS = ["auto", *(name.lower() for name in proto.RobotController.keys() if name != "AUTO")]
-LED = {"FreeDrive", "PassThrough", "ForceAxisImpedance", "PassThroughJointTorque"}  # these follow no reference
-
-
-def fits(trajectory: str, controller: str, robot_controller: str) -> bool:
-    found = parts.robot_controllers(trajectory, controller.split()[0])
-    return robot_controller in found or (robot_controller == "auto" and bool(found))
-
-
-COMBINATIONS = list(itertools.product([*JOINTS, *POSES], CONTROLLERS, ROBOT_CONTROLLERS))
-
-
-def test_every_trajectory_that_the_server_knows_is_tried():
-    assert {descriptor.name for _, descriptor in parts.kinds("trajectory")} == {*JOINTS, *POSES}
-    assert {descriptor.name for _, descriptor in parts.kinds("controller")} == {name.split()[0] for name in CONTROLLERS}
 
 
 def test_kinds_are_told_with_fields_and_what_fits(fa):
@@ -198,64 +68,6 @@ def test_the_stub_is_that_of_the_source(tmp_path):
     for function in functions:
         allowed = {*inspect.signature(getattr(parts, function.name)).parameters, "pose"}
         assert {argument.arg for argument in function.args.args} <= allowed, function.name
-
-
-def moves_as_told(arm, fa, trajectory, controller, robot_controller):
-    """Run a combination and compare with what the arm really did."""
-    what = f"{trajectory} with {controller} in {robot_controller}"
-    fa.run(MinJerkJoint(HOME, 0.7), robot_controller="auto")
-    began = fa.get_pose(include_tool_offset=False)
-    goal = began.copy()
-    goal.translation = began.translation + SHIFT
-    if trajectory in JOINTS:
-        part = JOINTS[trajectory]()
-        wanted = HOME if trajectory in STAY else GOAL
-    else:
-        part = POSES[trajectory](goal)
-        wanted = began.translation if trajectory in STAY else goal.translation
-    until = Time(0.6) if trajectory in STREAMS else Time(after_trajectory=0.3)
-    result = fa.run(part, CONTROLLERS[controller](), until, robot_controller=robot_controller)
-    assert result.ending == proto.TERMINATED, f"{what}: {result.message}"
-    assert result.termination == "Time", what
-    if controller in LED:  # nobody leads it
-        wanted = HOME if trajectory in JOINTS else began.translation
-    truth = arm.simulation.truth()
-    now = truth.q if trajectory in JOINTS else truth.O_T_TCP[:3, 3]
-    np.testing.assert_allclose(now, wanted, atol=LEAST, err_msg=what)
-
-
-@pytest.mark.parametrize("robot", ["fer", "fr3"])
-def test_combinations_that_fit_move_the_arm_as_told(start, robot):
-    """Each trajectory and each controller once, with others on each arm; bench/combinations.py runs all combinations."""
-    fitting = [each for each in COMBINATIONS if each[2] != "auto" and fits(*each)]
-    assert len(fitting) > 700
-    draw = random.Random(robot)
-    drawn = [draw.choice([each for each in fitting if each[0] == trajectory]) for trajectory in [*JOINTS, *POSES]]
-    drawn += [draw.choice([each for each in fitting if each[1] == controller]) for controller in CONTROLLERS]
-    arm = start(robot=robot, ideal=True)
-    with arm.client() as fa:
-        for each in drawn:
-            moves_as_told(arm, fa, *each)
-
-
-@pytest.mark.parametrize("by", ["client", "server"])
-def test_what_does_not_fit_is_refused_with_what_would(ideal_arm, by, monkeypatch):
-    if by == "server":
-        monkeypatch.setattr(parts, "check_fit", lambda *_: None)
-    with ideal_arm.client() as fa:
-        fa.run(MinJerkJoint(HOME, 1))  # where samples begin
-        goal = fa.get_pose(include_tool_offset=False)
-        goal.translation = goal.translation + SHIFT
-        for trajectory, controller, robot_controller in COMBINATIONS:
-            if fits(trajectory, controller, robot_controller):
-                continue
-            part = JOINTS[trajectory]() if trajectory in JOINTS else POSES[trajectory](goal)
-            with pytest.raises(FrankaArmArgumentError, match="does not (take|fit).*use ") as refused:
-                fa.run(part, CONTROLLERS[controller](), robot_controller=robot_controller)
-            if what_fits := parts.robot_controllers(trajectory, controller.split()[0]):  # the server says the same
-                assert f"use {', '.join(what_fits).upper()}" in str(refused.value), (trajectory, controller)
-        with pytest.raises(FrankaArmArgumentError, match="robot_controller is 'warp': expected one of auto, torque"):
-            fa.run(StayJoint(1), robot_controller="warp")
 
 
 # --- what ends a skill -----------------------------------------------------------------------------------------------

@@ -1,0 +1,77 @@
+"""Skills of any parts: combinations that the rule allows move the arm as the truth says; each other is refused with what fits."""
+
+import random
+
+import part_combinations
+import pytest
+from part_combinations import HOME, SHIFT, fits, moves_as_told, parts_of
+
+from frankapy import FrankaArmArgumentError, parts
+from frankapy.parts import MinJerkJoint, StayJoint
+
+ALL = part_combinations.combinations()
+FITTING = [each for each in ALL if fits(*each)]
+
+
+@pytest.mark.parametrize("robot", ["fer", "fr3"])
+def test_combinations_that_fit_move_the_arm_as_told(start, robot):
+    """Each trajectory and each controller once, with others on each arm."""
+    draw = random.Random(robot)
+    drawn = [draw.choice([each for each in FITTING if each[0] == name]) for name in dict.fromkeys(each[0] for each in ALL)]
+    drawn += [draw.choice([each for each in FITTING if each[1] == name]) for name in dict.fromkeys(each[1] for each in ALL)]
+    arm = start(robot=robot, ideal=True)
+    with arm.client() as fa:
+        for each in drawn:
+            moves_as_told(arm.simulation, fa, *each)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(4 * 3600)
+@pytest.mark.parametrize("robot", ["fer", "fr3"])
+def test_all_combinations_that_fit_move_the_arm_as_told_and_the_others_are_refused(start, robot):
+    arm = start(robot=robot, ideal=True)
+    with arm.client() as fa:
+        of = {each: part_combinations.tried(arm.simulation, fa, *each) for each in ALL}
+    assert not {each: text for each, text in of.items() if text.startswith("WRONG")}
+    assert {each for each, text in of.items() if text == part_combinations.RUNS} == set(FITTING)
+    assert len(FITTING) > 700
+
+
+def test_a_kind_without_an_example_is_in_it_by_itself(ideal_arm, monkeypatch):
+    for table, kinds in (
+        ("JOINTS", ["MinJerkJoint", "JointDmp", "StreamJoint"]),
+        ("POSES", ["MinJerkPose", "TimeOptimalPose", "Impulse"]),
+        ("CONTROLLERS", ["Lqr", "ForceAxisImpedance", "Admittance"]),
+    ):
+        for kind in kinds:
+            monkeypatch.delitem(getattr(part_combinations, table), kind)
+    assert {each for each in part_combinations.combinations() if fits(*each)} == set(FITTING)
+    with ideal_arm.client() as fa:
+        for each in (
+            ("MinJerkJoint", "Lqr", "torque"),
+            ("JointDmp", "JointImpedance", "torque_and_joint_position"),
+            ("StreamJoint", "InternalImpedance", "joint_velocity"),
+            ("MinJerkPose", "CartesianImpedance", "torque"),
+            ("TimeOptimalPose", "Admittance", "torque"),
+            ("Impulse", "ForceAxisImpedance", "torque"),
+        ):
+            moves_as_told(ideal_arm.simulation, fa, *each)
+
+
+@pytest.mark.parametrize("by", ["client", "server"])
+def test_what_does_not_fit_is_refused_with_what_would(ideal_arm, by, monkeypatch):
+    if by == "server":
+        monkeypatch.setattr(parts, "check_fit", lambda *_: None)
+    with ideal_arm.client() as fa:
+        fa.run(MinJerkJoint(HOME, 1))  # where samples begin
+        goal = fa.get_pose(include_tool_offset=False)
+        goal.translation = goal.translation + SHIFT
+        unfit = [each for each in ALL if not fits(*each)]
+        unfit += [(*each[:2], "auto") for each in unfit if not parts.robot_controllers(each[0], each[1].split()[0])]
+        for trajectory, controller, robot_controller in dict.fromkeys(unfit):
+            with pytest.raises(FrankaArmArgumentError, match="does not (take|fit).*use ") as refused:
+                fa.run(*parts_of(trajectory, controller, goal), robot_controller=robot_controller)
+            if what_fits := parts.robot_controllers(trajectory, controller.split()[0]):  # the server says the same
+                assert f"use {', '.join(what_fits).upper()}" in str(refused.value), (trajectory, controller)
+        with pytest.raises(FrankaArmArgumentError, match="robot_controller is 'warp': expected one of auto, torque"):
+            fa.run(StayJoint(1), robot_controller="warp")
