@@ -29,6 +29,7 @@ CAPS = {"s": 1, "N": 30, "N m": 10, "m": 0.3, "rad": 0.5, "m/s": 0.5, "rad/s": 1
 PAIR_CAPS = CAPS | {"N m": 3, "rad/s": 1, "N m/rad": 300}  # of "one, other", which are linear and angular
 # Movement primitives: their rules leave any number.
 PRIMITIVE = {"tau": (0.5, 3), "alpha": (30, 250), "beta": (8, 60), "mu": (0, 1), "h": (5, 100), "weights": (-0.25, 0.25)}
+SOFTER = 0.2  # that of an orientation, whose time is a part of the duration
 SAMPLES = 10_000  # rows from which on a table is of one sample for each ms
 _T = TypeVar("_T")
 _DESCRIPTIONS = {kind.name: kind for kind in describe()}
@@ -59,11 +60,15 @@ class Draw:
 
     # --- skills ---
 
-    def skill(self, torque: bool = False) -> dict:
-        """Arguments of FrankaArm.run; `torque`: in which our torques hold the arm, alone or beside a motion."""
+    def skill(self, torque: bool = False, led: bool = True) -> dict:
+        """Arguments of FrankaArm.run.
+
+        `torque`: in which our torques hold the arm, alone or beside a motion; `led`: also those in which it may be led.
+        """
+        controllers = [descriptor for _, descriptor in kinds("controller") if led or not is_led(descriptor.name)]
         while True:
             trajectory = self.one([descriptor for _, descriptor in kinds("trajectory")])
-            controller = self.one([descriptor for _, descriptor in kinds("controller")])
+            controller = self.one(controllers)
             fitting = robot_controllers(trajectory.name, controller.name)
             if torque:
                 fitting = [name for name in fitting if name.startswith("torque")]
@@ -77,9 +82,18 @@ class Draw:
             "trajectory": self.part(trajectory),
             "controller": self.part(controller),
             "until": ends,
-            "robot_controller": self.one(fitting),
+            # Forces, and the like, leave torque alone.
+            "robot_controller": self.one([*fitting, *["torque"] * len(fitting)] if "torque" in fitting else fitting),
             "speed": self.one([1, 1, 1, self.uniform(0.1, 1)]),
         }
+
+    def change(self, skill: dict, led: bool = True) -> dict:
+        """Arguments of FrankaArm.change for that skill: mostly the same kinds with other numbers, so that they fit."""
+        other = self.skill(led=led)
+        if self.chance(0.8):
+            other |= {role: self.part(skill[role].DESCRIPTOR) for role in ("trajectory", "controller")}
+        roles = [role for role in ("trajectory", "controller", "until") if self.chance(0.5)] or ["controller"]
+        return {role: other[role] for role in roles}
 
     def part(self, descriptor: Descriptor) -> Message:
         """A part that is valid by its rules."""
@@ -159,6 +173,9 @@ class Draw:
                 getattr(message, field.name).extend(map(float, self._numbers(message, field)))
             elif rule.ByteSize():
                 setattr(message, field.name, float(self._numbers(message, field)[0]))
+        for names, both in (("position_only", "orientation_only"), True), (("cartesian", "joint"), False):
+            if all(name in descriptor.fields_by_name and getattr(message, name) == both for name in names):
+                setattr(message, self.one(names), not both)  # they exclude each other, or one of them there has to be
         return message
 
     def _numbers(self, message: Message, field: FieldDescriptor) -> np.ndarray:
@@ -166,9 +183,12 @@ class Draw:
         name = field.name
         stem = name.removeprefix("position_").removeprefix("quat_")
         rows = self._rows if rule.row or (is_repeated(field) and not rule.size) else 1
+        if stem == "initial_sensor_values":
+            return self._random.uniform(0.5, 1.5, self._sensor_values(message))
         if stem in PRIMITIVE:
             count = 1 if not is_repeated(field) else self._basis * (self._dimensions(message, name) if stem == "weights" else 1)
-            return self._random.uniform(*PRIMITIVE[stem], count)
+            share = SOFTER if name.startswith("quat_") and stem in ("alpha", "beta") else 1
+            return share * self._random.uniform(*PRIMITIVE[stem], count)
         if rule.unit_norm or stem == "quaternions":
             return self._quaternions(rows, relative=bool(rule.initial))
         if rule.unit == "rad" and (rule.size == 7 or rule.row == 7 or stem == "joints") and not rule.HasField("min"):
@@ -186,6 +206,8 @@ class Draw:
             return np.cumsum(self._random.uniform(0.05, 0.4, rows))
         if stem == "acc_duration" or (stem.endswith("_time") and "duration" in message.DESCRIPTOR.fields_by_name):
             return np.array([self.uniform(0.1, 0.5) * message.duration])  # type: ignore[attr-defined]
+        if stem == "force" and "force_axes" in message.DESCRIPTOR.fields_by_name:  # elsewhere there is motion
+            return self._ranged(field, 6) * (list(message.force_axes) or np.zeros(6))  # type: ignore[attr-defined]
         return self._ranged(field, rule.size or (rows if is_repeated(field) else 1))
 
     def _ranged(self, field: FieldDescriptor, count: int) -> np.ndarray:
@@ -233,6 +255,10 @@ class Draw:
         if rows <= 10:
             rotation = RigidTransform.rotation_from_axis_angle(self.one([0, 0.2, 1]) * self.direction()) @ rotation
         return np.tile(RigidTransform(rotation).quaternion, rows)
+
+    def _sensor_values(self, message: Message) -> int:
+        dimensions = self._dimensions(message, "weights" if "weights" in message.DESCRIPTOR.fields_by_name else "position_weights")
+        return 1 if dimensions == 7 else dimensions  # of one sensor
 
     @staticmethod
     def _dimensions(message: Message, name: str) -> int:

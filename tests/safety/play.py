@@ -28,7 +28,7 @@ from judge import (
     wire_limits,
 )
 from errors import error_names
-from scenario import Scenario
+from scenario import Event, Scenario
 from tapped_server import TappedServer, tapped_server
 
 from frankapy import FrankaArm, FrankaArmBusyException, FrankaArmCommException, FrankaArmException, RigidTransform, proto
@@ -41,6 +41,7 @@ REPORTED = 20  # s of the wall, for the result of a skill that has been stopped
 COMES_BESIDE = 0.02  # m, from the arm at rest to a wall that comes
 COMES_AHEAD = 0.35  # m, from an arm that moves
 MOST_WALLS = 5
+SWITCHES = 5  # times some skills, of an event that is made of them
 # Far enough for pushes of 30 N: what the campaign looks for are not reflexes of the robot.
 THRESHOLDS = "lower_{0} = {1}\nupper_{0} = {2}\n"
 SETTINGS = "[arm.collision]\n" + "".join(
@@ -51,6 +52,7 @@ SETTINGS = "[arm.collision]\n" + "".join(
 MEETS_ITSELF = "self_collision_avoidance_violation"
 NEAR_ITSELF = 0.04  # m; motions keep 0.031
 MET = {MEETS_ITSELF, "tau_j_range_violation", "joint_reflex", "cartesian_reflex"}
+KEPT = 8000  # last datagrams of either way
 TOUCH = 10, 5  # N, N m, felt by an arm at rest that leans on something
 VICTIM = """
 import json, sys, time
@@ -63,12 +65,19 @@ time.sleep(600)
 """
 
 
+class _Enough(Exception):
+    """No more of a sequence."""
+
+
 @dataclasses.dataclass
 class Outcome:
     """What came of a run."""
 
     violations: list[Violation] = dataclasses.field(default_factory=list)
     skills: int = 0
+    changes: int = 0  # of skills that ran
+    ran: collections.Counter[str] = dataclasses.field(default_factory=collections.Counter)  # kinds, in how many skills and changes
+    commands: int = 0  # that were judged
     seconds: float = 0.0  # simulated
     endings: dict[str, int] = dataclasses.field(default_factory=dict)
     said: list[str] = dataclasses.field(default_factory=list)  # what happened, event by event
@@ -77,12 +86,19 @@ class Outcome:
 class Player:
     """A run under way."""
 
-    def __init__(self, tapped: TappedServer, scenario: Scenario, outcome: Outcome, hung: Callable[[Outcome], None]) -> None:
+    def __init__(
+        self,
+        tapped: TappedServer,
+        scenario: Scenario,
+        outcome: Outcome,
+        hung: Callable[[Outcome], None],
+        keep: Path | None = None,  # folder for what passed before a command was beyond a limit, or the robot reported an error
+    ) -> None:
         self._tapped, self._scenario, self._outcome = tapped, scenario, outcome
         self._limits = wire_limits.LIMITS[scenario.robot]
         self._errors = error_names()
         self._control = ControlChannel(tapped.arm)
-        self._hung = hung
+        self._hung, self._keep = hung, keep
         self.standing: list[Standing] = []
         self.skills: list[int] = []  # that the server's process, as it is now, has started
         self.processes = 1
@@ -96,56 +112,84 @@ class Player:
 
     def play(self) -> None:
         """Let all events happen."""
-        for event in self._scenario.events:
-            self._place = event.seed[1]
-            self._expected, self._alone = set(), True
-            state = self._fa.get_arm_state().robot
-            matrix = np.array(state.O_T_EE).reshape(4, 4).T
-            pose = RigidTransform(matrix[:3, :3], matrix[:3, 3])
-            draw = Draw(event.seed, self._limits.q, np.array(state.q), pose)
-            self._say(event.kind)
-            # Where it was led: the robot minds each step nearer, and what it touches may be in the way.
-            if self_distance(draw.q) < NEAR_ITSELF:
-                self._expected.add(MEETS_ITSELF)
-            if np.linalg.norm(state.O_F_ext_hat_K[:3]) > TOUCH[0] or np.abs(state.tau_ext_hat_filtered).max() > TOUCH[1]:
-                self._expected |= MET
-            with self._watched(event.kind):
-                getattr(self, f"_{event.kind}")(draw)
-                self._settle(judged=event.kind != "loss")
-            self._outcome.skills += len(self._motions)
-            self._motions.clear()
-        self._place = None
-        for client in (self._fa, self._other):
-            client.close()
-        self._outcome.endings = dict(self._endings)
+        try:
+            for event in self._scenario.events:
+                self._play(event)
+        finally:
+            self._place = None
+            for client in (self._fa, self._other):
+                client.close()
+            self._outcome.endings = dict(self._endings)
+
+    def _play(self, event: Event) -> None:
+        self._place = event.seed[1]
+        self._expected, self._alone = set(), True
+        state = self._fa.get_arm_state().robot
+        matrix = np.array(state.O_T_EE).reshape(4, 4).T
+        pose = RigidTransform(matrix[:3, :3], matrix[:3, 3])
+        draw = Draw(event.seed, self._limits.q, np.array(state.q), pose)
+        self._say(event.kind)
+        # Where it was led: the robot minds each step nearer, and what it touches may be in the way.
+        if self_distance(draw.q) < NEAR_ITSELF:
+            self._expected.add(MEETS_ITSELF)
+        if np.linalg.norm(state.O_F_ext_hat_K[:3]) > TOUCH[0] or np.abs(state.tau_ext_hat_filtered).max() > TOUCH[1]:
+            self._expected |= MET
+        with self._watched(event.kind):
+            getattr(self, f"_{event.kind}")(draw)
+            self._settle(judged=event.kind != "loss")
+        self._outcome.skills += len(self._motions)
+        self._motions.clear()
 
     # --- events ---
 
     def _skills(self, draw: Draw, torque: bool = False, during: Callable[[], None] | None = None) -> None:
-        how = draw.one(["wait", "wait", "preempt", "preempt", "preempt", "stop", "sequence", "change"])
+        self._some_skills(draw, torque=torque, during=during)
+        if draw.chance(0.8):  # else they are stopped
+            self._try(self._fa.wait_for_skill)
+
+    def _switches(self, draw: Draw) -> None:
+        """Many, each of which finds the one before as it is; in one event of four also some that let the arm be led."""
+        led = draw.chance(0.25)
+        for _ in range(SWITCHES):
+            self._some_skills(draw, led=led)
+
+    def _some_skills(
+        self, draw: Draw, torque: bool = False, led: bool = True, during: Callable[[], None] | None = None
+    ) -> None:
+        """One to four: waited for, taken over, taken over at once, stopped, changed, or queued."""
+        how = draw.one(["wait", "preempt", "preempt", "at once", "stop", "sequence", "change"])
         number = draw.one([1, 1, 2, 3, 4])
         if how == "sequence" and during is None:
-            with self._tried(), self._fa.sequence(blend=draw.one([0, draw.uniform(0, 0.3)])):
+            with self._tried(), contextlib.suppress(_Enough), self._fa.sequence(blend=draw.one([0, draw.uniform(0, 0.3)])):
                 for _ in range(number):
-                    self._run(draw.skill(torque))
+                    self._run(draw.skill(torque, led))
+                if draw.chance(0.3):
+                    self._pass(draw.uniform(0, 0.5))
+                    raise _Enough  # stops them
             return
         for _ in range(number):
-            self._run(draw.skill(torque))
+            skill = draw.skill(torque, led)
+            self._run(skill)
             self._publish(draw)
             if during is not None:
                 self._pass(draw.uniform(0, 0.4))
                 self._try(during)
             elif how == "change":
-                self._pass(draw.uniform(0, 0.4))
-                other = draw.skill()
-                what = draw.one(["trajectory", "controller", "until"])
-                self._try(lambda other=other, what=what: self._fa.change(**{what: other[what]}))
+                for _ in range(draw.one([1, 2, 3])):
+                    self._pass(draw.one([0, draw.uniform(0, 0.1), draw.uniform(0, 0.3)]))
+                    change = draw.change(skill, led)
+                    if "controller" in change and is_led(type(change["controller"]).__name__):
+                        self._expected |= MET
+                    if self._try(lambda change=change: self._fa.change(**change)):
+                        self._say(f"changed: {', '.join(change)}")
+                        self._count(change)
+                        self._outcome.changes += 1
             if how == "wait":
                 self._try(self._fa.wait_for_skill)
-            else:
+            elif how != "at once":
                 self._pass(draw.one([0, draw.uniform(0, 0.05), draw.uniform(0, 0.5)]))
-        if how != "stop":
-            self._try(self._fa.wait_for_skill)
+        if how == "stop":
+            self._try(self._fa.stop_skill)
 
     def _push(self, draw: Draw) -> None:
         self._expected |= MET
@@ -295,11 +339,16 @@ class Player:
         if motion is not None and motion is not before:
             self._motions.append(motion)
             self.skills.append(motion.id)
+            self._count(skill)
             ends = ", ".join(type(end).__name__ for end in skill.get("until", ()))
             law = type(skill["controller"]).__name__ if "controller" in skill else "InternalImpedance"
             if is_led(law):
                 self._expected |= MET
             self._say(f"{type(skill['trajectory']).__name__} with {law} in {skill.get('robot_controller', 'auto')} until {ends}")
+
+    def _count(self, arguments: dict) -> None:
+        them = [arguments[role] for role in ("trajectory", "controller") if role in arguments]
+        self._outcome.ran.update(type(part).__name__ for part in [*them, *arguments.get("until", ())])
 
     def _running(self):  # noqa: ANN202
         # What has not been waited for is only there.
@@ -349,14 +398,22 @@ class Player:
         if not states:
             return
         version = wire_limits.FLOAT_STATES if len(states[0]) < 2000 else 5
+        found = len(self._outcome.violations)
         if judged:
-            beyond, _ = wire_limits.violations(self._limits, version, commands, states)
+            beyond, count = wire_limits.violations(self._limits, version, commands, states)
+            self._outcome.commands += count
             if beyond:
                 self._found("limit", f"{len(beyond)} commands: {beyond[0]}")
         errors = wire_limits.parsed("RobotState", version, states)["errors"].any(axis=0)
         names = {name for name, there in zip(self._errors, errors, strict=True) if there}
         if unprovoked := names - self._expected:
             self._found("limit", f"the robot reports {', '.join(sorted(unprovoked))}")
+        if self._keep is not None and len(self._outcome.violations) > found:
+            np.savez_compressed(
+                self._keep / f"{self._scenario.robot}-{self._scenario.seed}-{self._place}.npz",
+                commands=np.frombuffer(b"".join(commands[-KEPT:]), np.uint8).reshape(-1, len(commands[0])),
+                states=np.frombuffer(b"".join(states[-KEPT:]), np.uint8).reshape(-1, len(states[0])),
+            )
 
     # --- calls ---
 

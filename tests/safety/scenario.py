@@ -60,3 +60,8 @@ def draw(seed: int, events: int = EVENTS) -> Scenario:
         hold_time=float(random.choice([0, 0.2])),
         events=tuple(Event(str(kind), (seed, place)) for place, kind in enumerate(kinds)),
     )
+
+
+def switches(seed: int, robot: str, events: int) -> Scenario:
+    """A run of switches alone, on an ideal arm."""
+    return Scenario(seed, robot, ideal=True, hold_time=2.0, events=tuple(Event("switches", (seed, place)) for place in range(events)))
