@@ -641,8 +641,10 @@ def CartesianImpedance(
             and is slowed where the stiffness asks for that.
         integral_limit: 6 numbers, N, N m, 0 to 100, default 20 20 20 5 5 5.
         posture: 7 numbers, rad, -6.3 to 6.3, may be left out. Joints that the arm is led near, at most at 0.1 rad/s,
-            without moving EE, and held to with nullspace_stiffness; left out: the elbow stays where it is. For the robot
-            controllers in which the robot does not make joints of the pose itself.
+            without moving EE, and held to with nullspace_stiffness; left out: the elbow stays where it is. It ends where it
+            is nearest to them, short of the ends of joints, of walls and of the arm itself: joints that would move EE are
+            never met, and the farther they are, the more is left (FrankaArm.ik(pose, near=posture) says where). For the
+            robot controllers in which the robot does not make joints of the pose itself.
     """
 
 def FreeDrive(damping: ArrayLike | None = None, friction: ArrayLike | None = None) -> proto.FreeDrive:
