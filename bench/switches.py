@@ -11,7 +11,7 @@ for the arm is recorded between the two, and its differences compared with the d
     bench/switches.py --robot fer --first 17 --batches 1 --keep build/found    again what batch 17 drew
 
 A batch draws from its own seed and begins at home; how many cycles pass between two skills is the computer's. Under a controller
-that lets the arm be led it may meet itself, or the end of a joint's range: those errors count for nothing from there on until it rests.
+that lets the arm be led it may meet itself, or the end of a joint's range: those errors count for nothing until the event is over.
 """
 
 import argparse
@@ -41,6 +41,7 @@ from tapped_server import tapped_server  # noqa: E402
 
 SKILLS = 10_000
 EVENTS = 4  # of a batch; each has some ten skills
+FLOOR = '[[arm.wall]]\nname = "floor"\nshape = "plane"\nposition = [0, 0, 0]\n'  # that there is one, no draw knows
 UNLIMITED = REPOSITORY / "build" / "bench" / "franka-interface-unlimited"
 UNLIMITED_BATCHES = 10
 
@@ -57,7 +58,7 @@ def run(robot: str, server: str | Path, batches: Iterable[int], skills: int | No
 
     with contextlib.ExitStack() as opened:
         log = subprocess.DEVNULL if keep is None else opened.enter_context((keep / f"{robot}.log").open("w"))
-        tapped = opened.enter_context(tapped_server(robot, server, log=log))
+        tapped = opened.enter_context(tapped_server(robot, server, settings=FLOOR, log=log))
         bar = opened.enter_context(tqdm(total=skills, unit="skill", desc=robot))
         for seed in batches:
             outcome = Outcome()

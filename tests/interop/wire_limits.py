@@ -120,8 +120,10 @@ def violations(limits: Limits, version: int, commands: list[bytes], states: list
         & (answered["robot_mode"] == MOVE)
         & (command["motion_generation_finished"] == 0)
     )
-    # A run ends where a cycle has no command, and where the motion is another.
+    # A run ends where a cycle has no command or the robot did not take it, as it came late, and where the motion is another.
     same = (np.diff(command["message_id"]) == 1) & judged[1:] & judged[:-1]
+    taken = answered["control_command_success_rate"]  # 0 before the first
+    same &= (taken[1:] > 0) & (taken[1:] >= taken[:-1])
     for mode in ("motion_generator_mode", "controller_mode"):
         same &= answered[mode][1:] == answered[mode][:-1]
     found: list[str] = []

@@ -123,6 +123,24 @@ def test_parts_that_cannot_be_drawn_are_named():
         draw.part(proto.MinJerkJoint.DESCRIPTOR)
 
 
+def test_a_step_between_commands_is_found_where_the_robot_took_the_one_before():
+    limits, version, count = judge.wire_limits, 5, 5
+    command, state = (np.zeros(count, limits.layout(kind, version)) for kind in ("RobotCommand", "RobotState"))
+    command["message_id"] = state["message_id"] = np.arange(count) + 1
+    state["robot_mode"], state["motion_generator_mode"] = limits.MOVE, limits.JOINT_POSITION
+    state["q_d"] = command["q_c"] = HOME
+    command["q_c"][2, 0] += 1e-5  # and back in the next
+
+    def found(rates):
+        state["control_command_success_rate"] = rates
+        return limits.violations(limits.LIMITS["fer"], version, [each.tobytes() for each in command], [each.tobytes() for each in state])[0]
+
+    assert any("jerk of joint 1" in text for text in found([0, 1, 1, 1, 1]))
+    command["q_c"][2, 0] -= 7e-6  # taken it would be no more than the limit, and going back from it is
+    assert any(text.startswith("4:") for text in found([0, 1, 1, 1, 1]))
+    assert not found([0, 1, 1, 0.75, 0.8])
+
+
 def test_cycles_that_are_missing_in_a_recording_are_found():
     running, idle = np.full(8, proto.RUNNING), np.full(8, proto.READY)
     assert not judge._lacks(np.arange(8), running).any()
