@@ -66,14 +66,14 @@ class Draw:
         `torque`: in which our torques hold the arm, alone or beside a motion; `led`: also those in which it may be led.
         """
         controllers = [descriptor for _, descriptor in kinds("controller") if led or not is_led(descriptor.name)]
-        while True:
-            trajectory = self.one([descriptor for _, descriptor in kinds("trajectory")])
-            controller = self.one(controllers)
+
+        def modes(trajectory: Descriptor, controller: Descriptor) -> list[str]:
             fitting = robot_controllers(trajectory.name, controller.name)
-            if torque:
-                fitting = [name for name in fitting if name.startswith("torque")]
-            if fitting:
-                break
+            return [name for name in fitting if name.startswith("torque")] if torque else fitting
+
+        trajectory = self.one([descriptor for _, descriptor in kinds("trajectory")])
+        controller = self.one([each for each in controllers if modes(trajectory, each)])
+        fitting = modes(trajectory, controller)
         ends = [make("Time", seconds=self.uniform(0.1, LONGEST))]
         if self.chance(0.4):
             judging = [d for _, d in kinds("termination") if trajectory.name in _DESCRIPTIONS[d.name].fits]
