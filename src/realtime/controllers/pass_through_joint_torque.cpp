@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "models/arm.hpp"
+#include "realtime/base_gravity.hpp"
 #include "realtime/check.hpp"
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
@@ -13,9 +14,6 @@ namespace {
 
 constexpr double kMaxShift = 0.2;  // rad, of q_start
 constexpr double kGiveWay = 0.1;   // s
-
-// m/s²; for robots that do not say how they stand.
-const Vector3 kUpright(0, 0, -9.81);
 
 // Where what is among the gains, and the first of them in the message.
 constexpr int kSelection = 0, kRemoveGravity = 7, kTorque = 14, kStiffness = 21, kDamping = 28;
@@ -75,8 +73,7 @@ Vector7 PassThroughJointTorque::law(const Cycle& cycle, const Reference& referen
   const Vector7 torque = given_ * (gains_.goal().segment<7>(kTorque) + reference.torque) + (1 - given_) * damping;
   Vector7 tau = held + gains.segment<7>(kSelection).cwiseProduct(torque - held) + cycle.model.coriolis();
   if (remove_gravity.isZero()) return tau;
-  const Vector3 reported = Vector3::Map(cycle.state.O_ddP_O.data());
-  tau -= remove_gravity.cwiseProduct(cycle.model.gravity(reported.isZero() ? kUpright : reported));
+  tau -= remove_gravity.cwiseProduct(cycle.model.gravity(base_gravity(cycle.state)));
   return tau;
 }
 
