@@ -13,8 +13,8 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 from frankapy import parts
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-ROLES = {"trajectory": "Trajectory generators", "controller": "Feedback controllers", "termination": "Terminations"}
-FILES = {"trajectory": "trajectories", "controller": "controllers", "termination": "terminations"}
+ROLES = {"trajectory": "Trajectory generators", "controller": "Feedback controllers", "termination": "Terminations", "ending": "Soft endings"}
+FILES = {"trajectory": "trajectories", "controller": "controllers", "termination": "terminations", "ending": "endings"}
 MESSAGES, FIELDS = 4, 2  # numbers of these fields in FileDescriptorProto and DescriptorProto
 
 HEAD = """# What skills are made of

@@ -34,6 +34,8 @@ def type_of(field: FieldDescriptor) -> str:
     """Return what a field takes."""
     if is_repeated(field):
         return "ArrayLike"
+    if kinds.holds_parts(field):
+        return " | ".join(f"proto.{descriptor.name}" for _, descriptor in kinds.kinds("ending"))
     if field.enum_type is not None:
         names = [*field.enum_type.values_by_name]
         return f"Literal[{', '.join(repr(name).replace(chr(39), chr(34)) for name in [*map(str.lower, names), *names])}]"

@@ -30,7 +30,7 @@ void Limiter::take_back() noexcept {}
 std::size_t Limiter::way_to_rest(std::span<Vector7> joints) noexcept { return joints[0] = impl_->last.joint.q, 1; }
 std::size_t Limiter::way_to_rest(std::span<Vector6> pose) const noexcept { return pose[0].setZero(), 1; }
 
-bool Limiter::brake(double, Reference& out) noexcept {
+bool Limiter::brake(double, Reference& out, bool) noexcept {
   out = impl_->last = realtime::at_rest(impl_->last);
   return true;
 }

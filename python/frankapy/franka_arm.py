@@ -818,14 +818,14 @@ class FrankaArm:
         Those that the server has loaded from libraries are marked (`loaded`), and have the full names of their messages.
 
         Args:
-            role: "trajectory", "controller", "termination", or None for all.
+            role: "trajectory", "controller", "termination", "ending" (what the arm does after a contact), or None for all.
 
         Example:
             >>> for kind in fa.kinds("controller"):
             ...     print(kind.name, list(kind.fits))
         """
-        if role is not None and text("role", role, 100) not in ("trajectory", "controller", "termination"):
-            raise FrankaArmArgumentError(f"role is {role!r}: expected trajectory, controller, termination or None")
+        if role is not None and text("role", role, 100) not in ("trajectory", "controller", "termination", "ending"):
+            raise FrankaArmArgumentError(f"role is {role!r}: expected trajectory, controller, termination, ending or None")
         return describe(role, None if self._connection is None else self._connection.current_welcome().loaded)
 
     def publisher(self, topic: str) -> SensorPublisher:

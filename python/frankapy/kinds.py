@@ -12,12 +12,17 @@ from google.protobuf.message import Message
 
 from frankapy import proto
 from frankapy.exceptions import FrankaArmArgumentError
-from frankapy.proto import controllers_pb2, rules_pb2, terminations_pb2, trajectories_pb2
+from frankapy.proto import controllers_pb2, endings_pb2, rules_pb2, terminations_pb2, trajectories_pb2
 from frankapy.validation import is_repeated, number, numbers, rule_of, table, validate, vector
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _ANY = "google.protobuf.Any"
-_FILES = {"trajectory": trajectories_pb2, "controller": controllers_pb2, "termination": terminations_pb2}
+_FILES = {
+    "trajectory": trajectories_pb2,
+    "controller": controllers_pb2,
+    "termination": terminations_pb2,
+    "ending": endings_pb2,
+}
 _RULE = rules_pb2.KindRule
 _MOTIONS = {
     _RULE.JOINTS: ["joint_position", "joint_velocity"],
@@ -29,7 +34,7 @@ _MOTIONS = {
 class Kind:
     """A kind of part, for people and programs; wire/proto says the same to the server."""
 
-    role: str  # "trajectory", "controller" or "termination"
+    role: str  # "trajectory", "controller", "termination" or "ending"
     name: str
     fields: dict[str, str]  # unit, size, range and default of each
     fits: dict[str, list[str]]  # controllers for a trajectory, trajectories for others, each with its robot controllers
@@ -138,6 +143,8 @@ def _fits(role: str, descriptor: Descriptor) -> dict[str, list[str]]:
         found = {other.name: robot_controllers(descriptor.name, other.name) for _, other in kinds("controller")}
     elif role == "controller":
         found = {other.name: robot_controllers(other.name, descriptor.name) for _, other in kinds("trajectory")}
+    elif role == "ending":
+        return {other.name: [] for _, other in kinds("termination") if "then" in other.fields_by_name}
     else:
         judges = _kind_rule(descriptor.name).references
         return {
@@ -147,7 +154,7 @@ def _fits(role: str, descriptor: Descriptor) -> dict[str, list[str]]:
 
 
 def kinds(role: str | None = None) -> Iterator[tuple[str, Descriptor]]:
-    """Yield (role, message descriptor) of every kind; role: "trajectory", "controller", "termination" or None for all."""
+    """Yield (role, message descriptor) of every kind; role: "trajectory", "controller", "termination", "ending" or None: all."""
     for each, module in _FILES.items():
         if role in (None, each):
             for descriptor in module.DESCRIPTOR.message_types_by_name.values():
@@ -165,7 +172,7 @@ def make(kind: str, /, *arguments: Any, **named: Any) -> Message:
         raise FrankaArmArgumentError(f"{kind} is no kind of part: known are {known}")
     message = getattr(proto, kind)()
     fields = list(descriptor.fields)
-    if len(fields) == 1 and holds_parts(fields[0]):
+    if len(fields) == 1 and is_repeated(fields[0]) and holds_parts(fields[0]):
         for part in arguments:
             getattr(message, fields[0].name).add().Pack(_part(kind, part))
         arguments = ()
@@ -225,7 +232,14 @@ def _pose(kind: str, fields: list[FieldDescriptor], pose: Any) -> Iterator[tuple
 def _set(message: Message, field: FieldDescriptor, value: Any) -> None:
     name = f"{message.DESCRIPTOR.name}.{field.name}"
     rule = rule_of(field)
-    if holds_parts(field):
+    if holds_parts(field) and not is_repeated(field):
+        endings = [descriptor for _, descriptor in kinds("ending")]
+        if not isinstance(value, Message) or value.DESCRIPTOR not in endings:
+            words = " or ".join(descriptor.name for descriptor in endings)
+            given = value.DESCRIPTOR.name if isinstance(value, Message) else repr(value)
+            raise FrankaArmArgumentError(f"{name} is {given}: expected {words}, such as BackOff(0.01), or nothing")
+        getattr(message, field.name).Pack(value)
+    elif holds_parts(field):
         for part in value:
             getattr(message, field.name).add().Pack(_part(name, part))
     elif is_repeated(field):
@@ -273,7 +287,7 @@ def text_of(field: FieldDescriptor, rule: rules_pb2.FieldRule | None = None) -> 
     rule = rule or rule_of(field)
     words = []
     if holds_parts(field):
-        return "parts"
+        return "parts" if is_repeated(field) else "part, may be left out"
     if field.enum_type is not None:
         words.append(" | ".join(field.enum_type.values_by_name).lower())
     if rule.row:

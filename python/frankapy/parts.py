@@ -1,4 +1,4 @@
-"""Parts of skills, by name: trajectory generators, feedback controllers and terminations.
+"""Parts of skills, by name: trajectory generators, feedback controllers, terminations, and what contact ends softly with.
 
 Each kind of wire/proto is a function of this module that returns its message, checked. What it takes are the message's
 fields, in their order or by name, in the units of `frankapy kinds`:
@@ -8,6 +8,7 @@ fields, in their order or by name, in the units of `frankapy kinds`:
     CartesianImpedance(600, 50)                 one number stands for all elements of a field that may be left out
     ForceAbove(10, axis="z", frame="base")      x, y and z are axes; enums are named in either case
     AnyOf(FinalPose(1e-3), Time(4))             parts in a part
+    Contact(then=BackOff(0.01))                 what the arm does after a contact
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Parts of skills, by name: trajectory generators, feedback controllers and terminations.
+"""Parts of skills, by name: trajectory generators, feedback controllers, terminations, and what contact ends softly with.
 
 Each kind of wire/proto is a function of this module that returns its message, checked. What it takes are the message's
 fields, in their order or by name, in the units of `frankapy kinds`:
@@ -8,6 +8,7 @@ fields, in their order or by name, in the units of `frankapy kinds`:
     CartesianImpedance(600, 50)                 one number stands for all elements of a field that may be left out
     ForceAbove(10, axis="z", frame="base")      x, y and z are axes; enums are named in either case
     AnyOf(FinalPose(1e-3), Time(4))             parts in a part
+    Contact(then=BackOff(0.01))                 what the arm does after a contact
 """
 
 # Written by scripts/parts_stub.py from wire/proto.
@@ -845,9 +846,12 @@ def Contact(
     joint: bool | None = None,
     force_thresholds: ArrayLike | None = None,
     torque_thresholds: ArrayLike | None = None,
+    estimate: Literal["robot", "observer", "ROBOT", "OBSERVER"] | None = None,
+    then: proto.Comply | proto.BackOff | None = None,
 ) -> proto.Contact:
-    """At a contact: when a component of the external wrench that the robot estimates at the stiffness frame K (`cartesian`),
-    or a joint's external torque (`joint`), is above its threshold in either direction.
+    """At a contact: when a component of the external wrench at the stiffness frame K (`cartesian`), or a joint's external
+    torque (`joint`), is above its threshold in either direction. It is looked at before anything is commanded, and the
+    motion is taken away in that cycle.
 
     Args:
         cartesian: default True.
@@ -855,8 +859,12 @@ def Contact(
         force_thresholds: 6 numbers, N, N m, 0 to 125, may be left out. Along and about the axes of O. With one of the two
             given, the other is 20 N and 25 N m, and 20 20 18 18 16 14 12 N m. With neither, the robot says when: above the
             lower thresholds of its collision behaviour. Above the upper ones, which the server's configuration may have
-            lowered (arm.collision), it stops with a reflex whatever is given here.
+            lowered (arm.collision), it stops with a reflex whatever is given here. Of the observer what is not given is 12
+            N and 5 N m, and 5 5 5 5 3 3 3 N m.
         torque_thresholds: 7 numbers, N m, 0 to 120, may be left out.
+        estimate: robot | observer, default robot.
+        then: part, may be left out. what the arm does: a kind of endings.proto; not given: it holds. Not within AllOf or
+            AnyOf
     """
 
 def ForceAbove(
@@ -944,4 +952,24 @@ def Silence(topic: str, seconds: float) -> proto.Silence:
     Args:
         topic: must be given.
         seconds: s, 0.001 to 3600, must be given.
+    """
+
+def Comply(stiffness: ArrayLike | None = None, damping_ratio: float | None = None) -> proto.Comply:
+    """It becomes compliant where it is: a spring and a damper in each joint, for as long as the server holds (hold_time); then
+    the robot holds it where it is. In the robot controller TORQUE alone: the stiffness of the robot's own controllers
+    cannot be changed while it moves.
+
+    Args:
+        stiffness: 7 numbers, N m/rad, 0 to 300, default 20 20 20 20 5 5 5.
+        damping_ratio: 0.1 to 3, default 1.0.
+    """
+
+def BackOff(distance: float, speed: float | None = None) -> proto.BackOff:
+    """It goes back as it came, straight against the motion that EE had (of joints: as they came), and, where EE hardly moved,
+    with the force that pushes it; then it holds. `speed` is the greatest on that way. Not with controllers that do not lead
+    all of the arm.
+
+    Args:
+        distance: m, 0.0001 to 0.1, must be given.
+        speed: m/s, 0.001 to 0.25, default 0.05.
     """

@@ -37,6 +37,10 @@ struct Record {
   double skill_time = 0;       // s
   Reference reference;         // after the limits
   HeldBy held_by = HeldBy::kNothing;  // in this cycle
+  // By the momentum observer, N m; N and N m at K, axes of O.
+  Vector7 tau_ext = Vector7::Zero();
+  Vector6 O_F_ext_K = Vector6::Zero();
+  bool collision = false;
   std::uint64_t cycles = 0;    // since the loop began
   std::uint64_t lost_states = 0;  // states that did not arrive, by message_id
   std::int64_t received_ns = 0;   // CLOCK_MONOTONIC when the state was in hand

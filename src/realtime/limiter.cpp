@@ -21,6 +21,7 @@ constexpr double kPlanShare = 0.96;
 // Share of the jerk limits that steps planned here use where there is room. A robot that has lost n commands in a row,
 // and went on with constant acceleration, sees (n+1)(n+2)(n+3)/6 times the jerk when the next arrives: three may be lost.
 constexpr double kGentleJerk = 0.05;
+constexpr double kSoonJerk = 0.24;  // likewise, for one
 // s in which a pose that catches up gives back the acceleration it has, at least: with gentle jerk alone one that was left in
 // mid-motion would be led far astray.
 constexpr double kGiveBack = 0.03;
@@ -242,7 +243,6 @@ struct Limiter::Impl : Motion {
     joint_brake.in.control_interface = ruckig::ControlInterface::Velocity;
     stop.in.control_interface = ruckig::ControlInterface::Velocity;
     for (int i = 0; i < kJoints; ++i) {
-      joint_brake.in.max_jerk[i] = kGentleJerk * limits.dddq_max[i];
       joint_brake.in.max_acceleration[i] = kShare * limits.ddq_max[i];
       (*joint_brake.in.min_acceleration)[i] = -kShare * limits.ddq_max[i];
     }
@@ -361,16 +361,17 @@ struct Limiter::Impl : Motion {
     joint.acceleration = step.acceleration;
   }
 
-  bool plan_brake() noexcept {
+  bool plan_brake(bool soon = false) noexcept {
     for (int i = 0; i < kJoints; ++i) {
+      joint_brake.in.max_jerk[i] = (soon ? kSoonJerk : kGentleJerk) * limits.dddq_max[i];
       joint_brake.in.current_velocity[i] = joints[i].velocity;
       joint_brake.in.current_acceleration[i] = joints[i].acceleration;
     }
     return joint_brake.plan();
   }
 
-  void brake_steps(double dt, std::array<Step, kJoints>& steps) noexcept {
-    const bool gentle = plan_brake();
+  void brake_steps(double dt, std::array<Step, kJoints>& steps, bool soon = false) noexcept {
+    const bool gentle = plan_brake(soon);
     if (gentle) joint_brake.step(dt, steps);
     for (int i = 0; i < kJoints; ++i) {
       if (!gentle || !admissible(i, steps[i], dt)) steps[i] = hard_brake_step(i, dt);
@@ -734,8 +735,8 @@ struct Limiter::Impl : Motion {
   }
 
   // Gently where that does; else as hard as may be in this cycle.
-  void brake_steps(double dt, PartStep& linear, PartStep& angular) noexcept {
-    brake_step(1, kGentleJerk, dt, linear, angular);
+  void brake_steps(double dt, PartStep& linear, PartStep& angular, bool soon = false) noexcept {
+    brake_step(1, soon ? kSoonJerk : kGentleJerk, dt, linear, angular);
     if (admissible(translation, linear, dt) && admissible(rotation, angular, dt) && along_admissible(linear, angular, dt)) {
       return;
     }
@@ -941,19 +942,19 @@ bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcep
   return held;
 }
 
-bool Limiter::brake(double dt, Reference& out) noexcept {
+bool Limiter::brake(double dt, Reference& out, bool soon) noexcept {
   Impl& m = *impl_;
   m.before = m;
   if (m.motion == Channels::kJoint) {
     std::array<Step, kJoints> steps;
-    m.brake_steps(dt, steps);
+    m.brake_steps(dt, steps, soon);
     for (int i = 0; i < kJoints; ++i) {
       m.take(m.joints[i], m.joints[i].q + steps[i].delta, steps[i], dt);
       m.joints[i].held = !m.joints[i].rests();  // from rest there is nothing to catch up with
     }
   } else {
     Impl::PartStep linear, angular;
-    m.brake_steps(dt, linear, angular);
+    m.brake_steps(dt, linear, angular, soon);
     m.move(linear, angular, dt);
     m.translation.held = !m.translation.rests();
     m.rotation.held = !m.rotation.rests();

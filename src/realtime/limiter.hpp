@@ -53,8 +53,9 @@ class Limiter {
   // A reference that is not finite, or of another motion than the one continued from, is braked for.
   bool follow(const Reference& wanted, double dt, Reference& out) noexcept;
 
-  // Next output on the way to rest, in the shortest time; true when at rest.
-  bool brake(double dt, Reference& out) noexcept;
+  // Next output on the way to rest, in the shortest time; true when at rest. `soon`: with as much of the jerk as leaves a robot
+  // that loses one command inside its limits, and not with the little with which it may lose three.
+  bool brake(double dt, Reference& out, bool soon = false) noexcept;
 
   // As if the last follow() had not been: the next output continues from the one before it.
   void take_back() noexcept;

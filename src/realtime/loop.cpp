@@ -117,6 +117,7 @@ bool Loop::cycle() noexcept {
   change_skill();
   prepare_motion();
   if (in_motion()) {
+    feel_contact();
     generate_reference();
     compute_torque();
   }
@@ -150,6 +151,7 @@ void Loop::observe() noexcept {
   cycle_.dt = static_cast<double>(ticks_) * kTick;
   cycle_.tau_J_d = tau_J_d_;
   model_.update(cycle_.q, cycle_.dq);
+  observer_.update(state_, model_, ticks_);
   cycle_.q_ref = gate_.joints().q;
   cycle_.dq_ref = gate_.joint_velocity();
   held_by_ = HeldBy::kNothing;
@@ -260,6 +262,7 @@ void Loop::change_skill() noexcept {
     }
   }
   if (phase_ == Phase::kRunning && (quit_ || skill_->id <= stop_up_to)) stop_running(Ending::kStopped);
+  if (back_off_.active() && (quit_ || skill_->id <= stop_up_to)) back_off_.stop();
   change_parts();
 
   if (in_motion() && next_ != nullptr && !next_waits()) {
@@ -318,6 +321,38 @@ void Loop::prepare_motion() noexcept {
   }
 }
 
+// Before anything is commanded: what is measured in this cycle takes the motion away in this cycle.
+void Loop::feel_contact() noexcept {
+  if (phase_ != Phase::kRunning || waits_for_start()) return;
+  const int termination = ask_terminations(true);
+  if (termination < 0) return;
+  stop_running(Ending::kTerminated, termination);
+  end_softly(*skill_->terminations[static_cast<std::size_t>(termination)]->then());
+}
+
+// A reference that is ours alone rests where the arm is: what the controller then asks for is to damp it, and the torque limits
+// are all that is between that and the arm. The robot's own it only brakes.
+void Loop::end_softly(SoftEnding& ending) noexcept {
+  after_contact_ = ending.what;
+  touched_at_ = cycle_.O_T_EE.translation();
+  if (ending.what == AfterContact::kBackedOff) {
+    back_off_.plan(ending, reference_, -observer_.O_F_ext_K().head<3>(), cycle_.q, model_);
+  }
+  reference_.wrench.setZero();
+  reference_.torque.setZero();
+  if (!robot_->takes_torque() || robot_->has_reference()) return;
+  const bool complies = ending.what == AfterContact::kComplied;
+  reference_ = robot_->start(cycle_, complies ? Channels::kJoint : reference_.motion, model_);
+  gate_.place(cycle_.q);
+  gate_.reset(reference_);
+  fade_time_ = left_over_.duration();
+  if (!complies) return;
+  std::swap(skill_->controller, ending.law);
+  skill_->numbers.controller = 0;
+  Reference unmoved = reference_;
+  skill_->controller->start(cycle_, unmoved);
+}
+
 void Loop::generate_reference() noexcept {
   int steps = robot_->pass(static_cast<int>(ticks_), gate_.limiter(), reference_);
   coasted_ |= robot_->has_reference() && ticks_ > 1;
@@ -354,7 +389,14 @@ void Loop::generate_reference() noexcept {
   } else {
     cycle_.time += cycle_.dt;
     for (; steps > 0; --steps) {
-      gate_.brake(reference_);
+      if (back_off_.active() && (back_off_.begun() || gate_.at_rest())) {
+        const bool over = back_off_.step(reference_, wanted_);
+        const HeldBy held = gate_.follow(wanted_, reference_);
+        held_by_ |= held;
+        if (gate_.stuck() || (over && held == HeldBy::kNothing && gate_.at_rest())) back_off_.stop();
+      } else {
+        gate_.brake(reference_, skill_ != nullptr && after_contact_ != AfterContact::kNoContact);
+      }
       reference_.wrench *= kEffortDecay;
       reference_.torque *= kEffortDecay;
     }
@@ -430,18 +472,25 @@ void Loop::send_command() noexcept {
   if (skill_ != nullptr && first_command_ns_ == 0 && !waits_for_start()) first_command_ns_ = now_ns();
 }
 
+// The first that ends the skill, of those that look for a contact or of the others; -1: none.
+int Loop::ask_terminations(bool of_contact) noexcept {
+  const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_,
+                          path_.lasts(skill_->trajectory->duration()) + slowed_, observer_.tau_ext(), observer_.O_F_ext_K()};
+  int termination = -1;
+  for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
+    if ((skill_->terminations[i]->then() != nullptr) != of_contact) continue;
+    const auto& numbers = skill_->numbers.terminations;
+    const bool ends = watch_.step(PartWatch::kTerminations + static_cast<int>(i), i < numbers.size() ? numbers[i] : 0,
+                                  [&] { return skill_->terminations[i]->step(cycle_, progress); });
+    if (ends && termination < 0) termination = static_cast<int>(i);
+  }
+  return termination;
+}
+
 // A skill ends when its reference rests.
 void Loop::terminate_skill() noexcept {
   if (phase_ == Phase::kRunning && !waits_for_start()) {
-    const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_,
-                            path_.lasts(skill_->trajectory->duration()) + slowed_};
-    int termination = -1;
-    for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
-      const auto& numbers = skill_->numbers.terminations;
-      const bool ends = watch_.step(PartWatch::kTerminations + static_cast<int>(i), i < numbers.size() ? numbers[i] : 0,
-                                    [&] { return skill_->terminations[i]->step(cycle_, progress); });
-      if (ends && termination < 0) termination = static_cast<int>(i);
-    }
+    const int termination = ask_terminations(false);
     const bool over = skill_->terminations.empty() && ((trajectory_over_ && gate_.at_rest()) || gate_.stuck());
     if (watch_.at_fault()) {
       stop_running(Ending::kComponentFault);
@@ -449,7 +498,7 @@ void Loop::terminate_skill() noexcept {
       stop_running(Ending::kTerminated, termination);
     }
   }
-  if (phase_ == Phase::kBraking && skill_ != nullptr && gate_.at_rest()) {
+  if (phase_ == Phase::kBraking && skill_ != nullptr && gate_.at_rest() && !back_off_.active()) {
     end(skill_, ending_);
     hold();
   }
@@ -465,6 +514,9 @@ void Loop::publish() noexcept {
   record.skill_time = sent_ && commanded_skill_ != 0 ? skill_time_ : 0;
   record.reference = reference_;
   record.held_by = sent_ ? held_by_ : HeldBy::kNothing;
+  record.tau_ext = observer_.tau_ext();
+  record.O_F_ext_K = observer_.O_F_ext_K();
+  record.collision = observer_.collision();
   record.cycles = cycles_;
   record.lost_states = lost_states_;
   record.received_ns = driver_.received_ns();
@@ -498,6 +550,9 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
     result.stretch *= 1 + slowed_ / path_.lasts(planned);
   }
   result.limited_cycles = limited_cycles_;
+  result.after_contact = after_contact_;
+  if (after_contact_ == AfterContact::kBackedOff) result.backed_off = (cycle_.O_T_EE.translation() - touched_at_).norm();
+  back_off_.stop();
   result.left = left(*skill);
   result.held_by = skill_held_by_;
   if (has(skill_held_by_, HeldBy::kWall)) result.wall = gate_.walls().wall();
@@ -602,6 +657,7 @@ void Loop::start_skill() noexcept {
   skill_held_by_ = HeldBy::kNothing;
   first_command_ns_ = 0;
   trajectory_over_ = held_back_ = false;
+  after_contact_ = AfterContact::kNoContact;
   cycle_.time = 0;
   watch_.reset();
   if (reference_.motion == Channels::kJoint) gate_.place(reference_.joint.q);
@@ -837,6 +893,7 @@ void Loop::update_tool() noexcept {
   }
   t = s;
   carry(s, model_);
+  observer_.reset();
 }
 
 }  // namespace realtime

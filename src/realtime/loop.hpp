@@ -3,8 +3,10 @@
 #include <array>
 
 #include "models/arm.hpp"
+#include "realtime/back_off.hpp"
 #include "realtime/door.hpp"
 #include "realtime/model.hpp"
+#include "realtime/momentum_observer.hpp"
 #include "realtime/motion_gate.hpp"
 #include "realtime/part_watch.hpp"
 #include "realtime/path_clock.hpp"
@@ -50,6 +52,7 @@ class Loop {
   void watch_robot() noexcept;
   void change_skill() noexcept;
   void prepare_motion() noexcept;
+  void feel_contact() noexcept;
   void generate_reference() noexcept;
   void pace_path() noexcept;
   void compute_torque() noexcept;
@@ -64,6 +67,8 @@ class Loop {
                  fci::Status status = fci::Status::kSuccess) noexcept;
   void stop_running(Ending ending, int termination = -1) noexcept;
   void post_result(SkillResult result, const Skill& skill) noexcept;
+  int ask_terminations(bool of_contact) noexcept;
+  void end_softly(SoftEnding& ending) noexcept;
   void lose_connection() noexcept;
   void start_skill() noexcept;
   void start_trajectory() noexcept;
@@ -115,6 +120,7 @@ class Loop {
   fci::RobotState tool_state_;  // whose tool the model has
   std::uint64_t ticks_ = 1;     // ms since the last state
   std::uint64_t cycles_ = 0, lost_states_ = 0;
+  MomentumObserver observer_;
   Cycle cycle_{state_, model_};
 
   // Skills.
@@ -126,6 +132,9 @@ class Loop {
   PartWatch watch_;          // of their parts
   Ending ending_ = Ending::kTerminated;  // of skill_, once it is at rest
   int termination_ = -1;
+  AfterContact after_contact_ = AfterContact::kNoContact;  // of a contact that has ended it
+  Vector3 touched_at_ = Vector3::Zero();                   // of EE, m, when that was noticed
+  BackOff back_off_;
   double skill_time_ = 0;    // s
   PathClock path_;         // of its trajectory
   double slowed_ = 0;      // s that limits have made it longer

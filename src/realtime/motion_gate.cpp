@@ -178,9 +178,9 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   return held;
 }
 
-bool MotionGate::brake(Reference& reference) noexcept {
+bool MotionGate::brake(Reference& reference, bool soon) noexcept {
   before_ = reference;
-  return limiter_.brake(kTick, reference);
+  return limiter_.brake(kTick, reference, soon);
 }
 
 void MotionGate::look_to_rest(const Reference& reference) noexcept {

@@ -44,7 +44,7 @@ class MotionGate {
 
   // The reference one tick on, for what is wanted, and what held it back; on the way to rest, true if it is at rest.
   HeldBy follow(const Reference& wanted, Reference& reference) noexcept;
-  bool brake(Reference& reference) noexcept;
+  bool brake(Reference& reference, bool soon = false) noexcept;  // as Limiter::brake()
 
   // The reference before the last step.
   const Reference& before() const noexcept { return before_; }

@@ -85,6 +85,8 @@ struct SkillResult {
   std::uint32_t wall = 0;        // Wall::id of the last one that held reference or torque back; 0: none
   std::optional<std::uint64_t> record = {};  // number in Door::records of the cycle that ended it, which comes after this;
                                              // none with kConnectionLost
+  AfterContact after_contact = AfterContact::kNoContact;
+  double backed_off = 0;         // m, with kBackedOff
   Left left{};                   // to the trajectory's goal, for a controller that is to bring the arm there
   PartFault fault{};             // with kComponentFault: what, of which part; with kRobotError: its longest step
 };

@@ -198,6 +198,16 @@ proto::Ending convert(realtime::Ending ending) {
   return proto::ROBOT_ERROR;
 }
 
+proto::AfterContact convert(realtime::AfterContact after) {
+  switch (after) {
+    case realtime::AfterContact::kNoContact: return proto::NO_CONTACT;
+    case realtime::AfterContact::kHeld: return proto::HELD;
+    case realtime::AfterContact::kComplied: return proto::COMPLIED;
+    case realtime::AfterContact::kBackedOff: return proto::BACKED_OFF;
+  }
+  return proto::NO_CONTACT;
+}
+
 void convert(const realtime::Record& record, proto::ArmState& out) {
   convert(record.state, *out.mutable_robot());
   out.set_phase(convert(record.phase));
@@ -217,6 +227,9 @@ void convert(const realtime::Record& record, proto::ArmState& out) {
   }
   out.set_limited(record.held_by != realtime::HeldBy::kNothing);
   out.set_held_by(convert(record.held_by));
+  out.mutable_tau_ext_observed()->Assign(record.tau_ext.data(), record.tau_ext.data() + 7);
+  out.mutable_o_f_ext_observed()->Assign(record.O_F_ext_K.data(), record.O_F_ext_K.data() + 6);
+  out.set_collision(record.collision);
   out.set_cycles(record.cycles);
   out.set_lost_states(record.lost_states);
   out.set_compute_us(record.compute_ns * 1e-3);
@@ -250,6 +263,8 @@ void convert(const realtime::SkillResult& result, proto::SkillResult& out) {
   out.set_message(explain(result));
   if (result.first_command_ns != 0) out.set_first_command_ns(result.first_command_ns);
   out.set_last_cycle_ns(result.last_cycle_ns);
+  if (result.after_contact != realtime::AfterContact::kNoContact) out.set_after_contact(convert(result.after_contact));
+  if (result.after_contact == realtime::AfterContact::kBackedOff) out.set_backed_off(result.backed_off);
   if (result.left.joints) out.set_joints_left(*result.left.joints);
   if (result.left.position) out.set_position_left(*result.left.position);
   if (result.left.angle) out.set_angle_left(*result.left.angle);

@@ -101,9 +101,14 @@ std::unique_ptr<realtime::Termination> make_termination(const Any& any, const re
   return make(terminations(), "termination", any, arm);
 }
 
+std::unique_ptr<realtime::SoftEnding> make_ending(const Any& any, const realtime::Arm& arm) {
+  return make(endings(), "soft ending", any, arm);
+}
+
 std::vector<std::string> trajectory_kinds() { return names(trajectories()); }
 std::vector<std::string> controller_kinds() { return names(controllers()); }
 std::vector<std::string> termination_kinds() { return names(terminations()); }
+std::vector<std::string> ending_kinds() { return names(endings()); }
 
 std::string controllers_that_take(realtime::Channels channels, const realtime::Arm& arm) {
   return that_fit(controllers(), arm, [&](const realtime::Controller& controller) { return has(controller.takes(), channels); });

@@ -24,11 +24,13 @@ std::unique_ptr<realtime::Controller> make_controller(const google::protobuf::An
                                                       const realtime::Arm& arm);
 std::unique_ptr<realtime::Termination> make_termination(const google::protobuf::Any& any,
                                                         const realtime::Arm& arm);
+std::unique_ptr<realtime::SoftEnding> make_ending(const google::protobuf::Any& any, const realtime::Arm& arm);
 
 // Names of the kinds that the registry has, in its order.
 std::vector<std::string> trajectory_kinds();
 std::vector<std::string> controller_kinds();
 std::vector<std::string> termination_kinds();
+std::vector<std::string> ending_kinds();
 
 // Those for a trajectory that fills these, joined with commas: what to use instead.
 std::string controllers_that_take(realtime::Channels channels, const realtime::Arm& arm);

@@ -173,6 +173,20 @@ robot::Mode choose(const proto::Skill& message, const realtime::Controller& cont
                      name(filled), trajectory, fitting));
 }
 
+// Whether the arm can do that where a contact ends the skill.
+void check_ending(const realtime::SoftEnding& then, const realtime::Skill& skill, const std::string& kind) {
+  if (then.what == realtime::AfterContact::kComplied && skill.mode != robot::kTorque) {
+    refuse(fmt::format("Contact.then is Comply, and with the robot controller {} the robot moves a reference with a stiffness that "
+                       "cannot be changed meanwhile: use TORQUE, or BackOff",
+                       proto::RobotController_Name(name_of(skill.mode))));
+  }
+  if (then.what == realtime::AfterContact::kBackedOff && !skill.controller->leads()) {
+    refuse(fmt::format("Contact.then is BackOff, and {} does not lead all of the arm, so that it would not bring it back: use "
+                       "Comply, or another controller",
+                       kind));
+  }
+}
+
 }  // namespace
 
 proto::RobotController name_of(const robot::Mode& mode) {
@@ -206,6 +220,7 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
       refuse(fmt::format("{} cannot judge the {} of {}: use {}", kind_of(any), name(filled), trajectory,
                          terminations_that_judge(filled, arm)));
     }
+    if (const auto* then = termination->then()) check_ending(*then, *skill, kind_of(message.controller()));
     skill->terminations.push_back(std::move(termination));
     skill->numbers.terminations.push_back(number_of(kind_of(any)));
   }

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "allocation_counter.hpp"
+#include "realtime/momentum_observer.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/terminations/composite.hpp"
 #include "realtime/terminations/contact.hpp"
@@ -178,6 +179,27 @@ TEST_F(Terminations, contact_with_thresholds_looks_at_each_component_of_the_esti
       felt = 0;
     }
   }
+}
+
+TEST_F(Terminations, contact_by_the_observer_looks_at_its_estimates_alone) {
+  Progress progress{joints, false, reference};
+  using Estimate = realtime::Contact::Estimate;
+  const realtime::Vector6 most = realtime::MomentumObserver::kForceThresholds;
+  realtime::Contact usual({true, true, {}, {}, Estimate::kObserver}), own({true, false, 0.5 * most, {}, Estimate::kObserver});
+  const auto ends = [&](realtime::Contact& contact) { return contact.step(arm.cycle, progress); };
+  arm.state.cartesian_contact.fill(1);
+  arm.state.O_F_ext_hat_K.fill(100);
+  arm.state.tau_ext_hat_filtered.fill(100);
+  EXPECT_FALSE(ends(usual) || ends(own));
+  progress.O_F_ext_K[1] = -0.9 * most[1];
+  EXPECT_FALSE(ends(usual));
+  EXPECT_TRUE(ends(own));
+  progress.O_F_ext_K[1] = -1.1 * most[1];
+  EXPECT_TRUE(ends(usual));
+  progress.O_F_ext_K.setZero();
+  progress.tau_ext = 1.1 * realtime::MomentumObserver::kTorqueThresholds;
+  EXPECT_TRUE(ends(usual));
+  EXPECT_FALSE(ends(own));
 }
 
 TEST_F(Terminations, thresholds_of_contact_that_are_not_given_are_those_published) {

@@ -154,6 +154,8 @@ class Draw:
             self._rows = int(self._random.integers(100, 400))
         for field in sorted(fields, key=_comes_first):
             rule = rule_of(field)
+            if field.message_type is not None and not is_repeated(field):
+                continue  # what comes after a contact fits some robot controllers alone
             if _may_be_left_out(field) and field is not given:
                 continue
             if _has_default(field) and field.name != "duration" and self.chance(0.4):

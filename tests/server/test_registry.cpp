@@ -3,6 +3,7 @@
 #include <set>
 
 #include "frankapy/proto/controllers.pb.h"
+#include "frankapy/proto/endings.pb.h"
 #include "frankapy/proto/terminations.pb.h"
 #include "frankapy/proto/trajectories.pb.h"
 #include "server/refused.hpp"
@@ -28,6 +29,7 @@ TEST(Registry, HasALineForEveryMessageAndAMessageForEveryLine) {
   EXPECT_EQ(set_of(trajectory_kinds()), messages_of(proto::MinJerkJoint::descriptor()));
   EXPECT_EQ(set_of(controller_kinds()), messages_of(proto::JointImpedance::descriptor()));
   EXPECT_EQ(set_of(termination_kinds()), messages_of(proto::Time::descriptor()));
+  EXPECT_EQ(set_of(ending_kinds()), messages_of(proto::BackOff::descriptor()));
 }
 
 TEST(Registry, AnUnknownKindIsRefusedWithThoseKnown) {

@@ -49,6 +49,8 @@ def _skill_result(result: Any) -> list[str]:
         return []
     by = f" by {result.termination}" if result.termination else ""
     words = [f"{_named(skill_pb2.Ending, result, 'ending')[0]}{by} after {result.time:.3f} s"]
+    for after in _named(skill_pb2.AfterContact, result, "after_contact"):
+        words.append(f"{after} {1e3 * result.backed_off:.1f} mm" if result.HasField("backed_off") else after)
     if result.stretch > 1.001:
         words.append(f"{result.stretch:.2f} times as long as asked for")
     if held := [name.lower().replace("_", " ") for name, bit in state_pb2.HeldBy.items() if result.held_by & bit]:

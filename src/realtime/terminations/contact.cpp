@@ -1,16 +1,18 @@
 #include "realtime/terminations/contact.hpp"
 
 #include <stdexcept>
+#include <utility>
 
 #include "realtime/check.hpp"
+#include "realtime/momentum_observer.hpp"
 #include "robot/collision_behavior.hpp"
 
 namespace realtime {
 namespace {
 
 template <class Vector, class Array>
-Vector thresholds(const char* field, const std::optional<Vector>& given, const Array& lower, const Array& upper) {
-  if (!given) return Vector::Map(lower.data());
+Vector thresholds(const char* field, const std::optional<Vector>& given, const Vector& otherwise, const Array& upper) {
+  if (!given) return otherwise;
   for (Eigen::Index i = 0; i < given->size(); ++i) {
     require_within(field, static_cast<int>(i), (*given)[i], 0, upper[static_cast<std::size_t>(i)],
                    given->size() == 6 && i < 3 ? "N" : "N m");
@@ -20,29 +22,36 @@ Vector thresholds(const char* field, const std::optional<Vector>& given, const A
 
 // Whether one of the estimates is beyond its threshold, or, without thresholds, one of the robot's flags is set.
 template <class Vector, class Array>
-bool touches(const std::optional<Vector>& thresholds, const Array& estimate, const Array& flags) {
+bool touches(const std::optional<Vector>& thresholds, const Vector& estimate, const Array& flags) {
   if (!thresholds) return (Vector::Map(flags.data()).array() != 0).any();
-  return (Vector::Map(estimate.data()).array().abs() > thresholds->array()).any();
+  return (estimate.array().abs() > thresholds->array()).any();
 }
 
 }  // namespace
 
-Contact::Contact(const Parameters& parameters) : parameters_(parameters) {
+Contact::Contact(const Parameters& parameters, SoftEnding then) : parameters_(parameters), then_(std::move(then)) {
   if (!parameters.cartesian && !parameters.joint) {
     throw std::invalid_argument("cartesian and joint are both false: it would look at nothing");
   }
-  if (!parameters.force_thresholds && !parameters.torque_thresholds) return;
+  const bool observed = parameters.estimate == Estimate::kObserver;
+  if (!observed && !parameters.force_thresholds && !parameters.torque_thresholds) return;
   const auto& published = robot::kCollisionBehavior;
-  parameters_.force_thresholds = thresholds("force_thresholds", parameters.force_thresholds,
-                                            published.lower_force_thresholds_nominal, published.upper_force_thresholds_nominal);
-  parameters_.torque_thresholds = thresholds("torque_thresholds", parameters.torque_thresholds,
-                                             published.lower_torque_thresholds_nominal, published.upper_torque_thresholds_nominal);
+  const Vector6 force = observed ? MomentumObserver::kForceThresholds : Vector6::Map(published.lower_force_thresholds_nominal.data());
+  const Vector7 torque =
+      observed ? MomentumObserver::kTorqueThresholds : Vector7::Map(published.lower_torque_thresholds_nominal.data());
+  parameters_.force_thresholds =
+      thresholds("force_thresholds", parameters.force_thresholds, force, published.upper_force_thresholds_nominal);
+  parameters_.torque_thresholds =
+      thresholds("torque_thresholds", parameters.torque_thresholds, torque, published.upper_torque_thresholds_nominal);
 }
 
-bool Contact::step(const Cycle& cycle, const Progress&) noexcept {
+bool Contact::step(const Cycle& cycle, const Progress& progress) noexcept {
   const fci::RobotState& state = cycle.state;
-  return (parameters_.cartesian && touches(parameters_.force_thresholds, state.O_F_ext_hat_K, state.cartesian_contact)) ||
-         (parameters_.joint && touches(parameters_.torque_thresholds, state.tau_ext_hat_filtered, state.joint_contact));
+  const bool observed = parameters_.estimate == Estimate::kObserver;
+  const Vector6 force = observed ? progress.O_F_ext_K : Vector6::Map(state.O_F_ext_hat_K.data());
+  const Vector7 torque = observed ? progress.tau_ext : Vector7::Map(state.tau_ext_hat_filtered.data());
+  return (parameters_.cartesian && touches(parameters_.force_thresholds, force, state.cartesian_contact)) ||
+         (parameters_.joint && touches(parameters_.torque_thresholds, torque, state.joint_contact));
 }
 
 }  // namespace realtime

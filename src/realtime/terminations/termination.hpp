@@ -2,6 +2,7 @@
 
 #include "realtime/cycle.hpp"
 #include "realtime/part.hpp"
+#include "realtime/soft_ending.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 
 namespace realtime {
@@ -13,6 +14,9 @@ struct Progress {
   const Reference& reference;  // commanded in this cycle, after the limits
   bool waits = false;          // its trajectory has waited for an arm that was held
   double planned = 0;          // s of the skill after which it should be over
+  // What the arm exerts on what it touches, by the momentum observer; N m; N and N m at K, axes of O.
+  Vector7 tau_ext = Vector7::Zero();
+  Vector6 O_F_ext_K = Vector6::Zero();
 };
 
 // Says when a skill ends. A kind is one file of this folder: constructed in the server room from its
@@ -21,6 +25,10 @@ class Termination : public Part {
  public:
   // The channels that a trajectory must fill for it.
   virtual Channels judges() const noexcept { return Channels::kNone; }
+
+  // What the arm does where this has ended the skill. One that has such an ending looks at what is measured alone, and is asked
+  // before anything is commanded in the cycle; null: it is asked afterwards, and the reference is braked to rest.
+  virtual SoftEnding* then() noexcept { return nullptr; }
 
   virtual void start() noexcept {}
   virtual bool step(const Cycle& cycle, const Progress& progress) noexcept = 0;

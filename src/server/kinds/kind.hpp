@@ -12,6 +12,7 @@
 
 #include "realtime/arm.hpp"
 #include "realtime/controllers/controller.hpp"
+#include "realtime/soft_ending.hpp"
 #include "realtime/terminations/termination.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 #include "wire/proto/validation.hpp"
@@ -42,6 +43,7 @@ struct Kind {
 std::vector<Kind<realtime::TrajectoryGenerator>>& trajectories();
 std::vector<Kind<realtime::Controller>>& controllers();
 std::vector<Kind<realtime::Termination>>& terminations();
+std::vector<Kind<realtime::SoftEnding>>& endings();
 
 // The kind of that message; `make(message, arm)` returns a new part.
 template <class Base, class Message, class Make>

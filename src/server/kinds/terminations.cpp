@@ -1,3 +1,5 @@
+#include <utility>
+
 #include "frankapy/proto/terminations.pb.h"
 #include "realtime/terminations/composite.hpp"
 #include "realtime/terminations/contact.hpp"
@@ -16,6 +18,8 @@
 
 namespace server {
 namespace {
+
+using realtime::SoftEnding;
 
 template <class Message, class Make>
 auto termination(Make make) {
@@ -37,7 +41,12 @@ realtime::Judged judged(const Message& m) {
 realtime::Terminations parts(const google::protobuf::RepeatedPtrField<google::protobuf::Any>& of, const realtime::Arm& arm) {
   if (of.empty()) throw std::invalid_argument("of is empty: expected at least one termination");
   realtime::Terminations parts;
-  for (const auto& each : of) parts.push_back(make_termination(each, arm));
+  for (const auto& each : of) {
+    parts.push_back(make_termination(each, arm));
+    if (SoftEnding* then = parts.back()->then(); then != nullptr && then->what != realtime::AfterContact::kHeld) {
+      throw std::invalid_argument(kind_of(each) + ".then is looked at only where it ends the skill by itself: give it beside this one");
+    }
+  }
   return parts;
 }
 
@@ -55,9 +64,13 @@ std::vector<Kind<realtime::Termination>>& terminations() {
       termination<proto::FinalPose>([](const auto& m, const auto&) {
         return new realtime::FinalPose({vector<3>(m.position_threshold()), m.orientation_threshold(), judged(m)});
       }),
-      termination<proto::Contact>([](const auto& m, const auto&) {
-        return new realtime::Contact(
-            {m.cartesian(), m.joint(), given<6>(m.force_thresholds()), given<7>(m.torque_thresholds())});
+      termination<proto::Contact>([](const auto& m, const auto& arm) {
+        SoftEnding then;
+        if (m.has_then()) then = std::move(*make_ending(m.then(), arm));
+        using Estimate = realtime::Contact::Estimate;
+        return new realtime::Contact({m.cartesian(), m.joint(), given<6>(m.force_thresholds()), given<7>(m.torque_thresholds()),
+                                      m.estimate() == proto::Contact::OBSERVER ? Estimate::kObserver : Estimate::kRobot},
+                                     std::move(then));
       }),
       termination<proto::ForceAbove>([](const auto& m, const auto&) {
         return wrench_above(realtime::WrenchAbove::Part::kForce, m);
