@@ -6,6 +6,7 @@ from frankapy.exceptions import (
     FrankaArmCommException,
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
+    FrankaArmNotPermittedException,
 )
 from frankapy.franka_arm import FrankaArm
 from frankapy.franka_arm_state_client import FrankaArmStateClient
@@ -30,6 +31,7 @@ __all__ = [
     "FrankaArmCommException",
     "FrankaArmException",
     "FrankaArmFrankaInterfaceNotReadyException",
+    "FrankaArmNotPermittedException",
     "FrankaArmStateClient",
     "FrankaConstants",
     "MetaSkillType",

@@ -16,17 +16,24 @@ from collections.abc import Callable
 
 import zmq
 from google.protobuf.message import DecodeError
+from zmq.utils.monitor import recv_monitor_message
 
 from frankapy import proto
+from frankapy.client_key import ClientKey
 from frankapy.exceptions import (
     FrankaArmArgumentError,
     FrankaArmBusyException,
     FrankaArmCommException,
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
+    FrankaArmNotPermittedException,
 )
 
 SILENCE = 3.0  # s without an answer after which the server is taken for gone
+# Of a socket: that no connection came about.
+HANDSHAKE_FAILURES = (
+    zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+)
 _ALIVE_PERIOD = 0.2  # s; the server frees the lease of a client that is silent for much longer
 
 _EXCEPTIONS = {
@@ -36,6 +43,7 @@ _EXCEPTIONS = {
     proto.Error.INCOMPATIBLE_VERSION: FrankaArmCommException,
     proto.Error.INTERNAL: FrankaArmException,
     proto.Error.UNKNOWN_CLIENT: FrankaArmCommException,
+    proto.Error.NOT_PERMITTED: FrankaArmNotPermittedException,
 }
 # Answers after which another of the same request follows.
 _PRELIMINARY = ("skill_started", "gripper_started")
@@ -58,6 +66,14 @@ def advised(text: str) -> str:
     """Return what a server says with the names of the calls that do what it advises."""
     advice = next((calls for words, calls in _ADVICE if words in text), None)
     return f"{text} (in Python: {advice})" if advice else text
+
+
+def unknown_key(address: str, key: ClientKey | None) -> str:
+    """Return what is said where a server does not know a key."""
+    return (
+        f"The server at {address} does not know {key}: was it removed? Whoever runs the server makes another one (`frankapy keys "
+        "add`)."
+    )
 
 
 def parse_reply(data: bytes) -> proto.Reply | None:
@@ -153,8 +169,9 @@ class Call:
 class Channel:
     """The socket to one arm's process, and its thread. Ends for good when the server is gone."""
 
-    def __init__(self, endpoint: str, how_it_ended: Callable[[], str]) -> None:
+    def __init__(self, endpoint: str, how_it_ended: Callable[[], str], key: ClientKey | None = None) -> None:
         self.endpoint = endpoint
+        self._key = key
         self._how_it_ended = how_it_ended
         self.lost: str | None = None  # why, once it is
         self._ids = itertools.count(1)
@@ -203,7 +220,9 @@ class Channel:
     def _run(self) -> None:
         dealer = self._context.socket(zmq.DEALER)
         dealer.linger = 200  # ms, for Goodbye
-        monitor = dealer.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        monitor = dealer.get_monitor_socket(zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
+        if self._key is not None:
+            self._key.use_for(dealer)
         dealer.connect(self.endpoint)
         pending = self._pending
         commands = False  # whether this client may have the lease
@@ -254,6 +273,9 @@ class Channel:
                 if call is not None and call.answer(reply):
                     pending.pop(reply.request_id, None)
             if monitor in ready and not reason:
+                if recv_monitor_message(monitor)["event"] == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                    reason = unknown_key(self.endpoint, self._key)
+                    continue
                 how = self._how_it_ended()
                 reason = (
                     f"The arm's process at {self.endpoint} {how}; it is started again within 2 s. The server's log may say "

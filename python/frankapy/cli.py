@@ -1,5 +1,5 @@
 """The command line: frankapy status, sim, compat, record, info, plot, replay, export, demonstrate, segment,
-learn, imitate, walls, latency, kinds, new, doctor."""
+learn, imitate, walls, latency, keys, kinds, new, doctor."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from frankapy import cli_imitation, cli_status, parts
+from frankapy import cli_imitation, cli_keys, cli_status, parts
 from frankapy.cli_status import TITLES
+from frankapy.client_key import KEY_VARIABLE, usual_file
 from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE, Connection
 from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
@@ -38,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def add_server(command: argparse.ArgumentParser) -> None:
         command.add_argument("--server", help=f"host[:port]; else ${SERVER_VARIABLE}, else 127.0.0.1:{DEFAULT_PORT}")
+        command.add_argument("--key", metavar="FILE", help=f"your key, where the server has keys; else ${KEY_VARIABLE}, else {usual_file()}")
 
     def add_arm(command: argparse.ArgumentParser) -> None:
         add_server(command)
@@ -63,6 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     sim.add_argument("--load", action="append", default=[], help="library of parts of your own; once for each")
     sim.add_argument("--record", choices=["off", "errors", "skills", "always"], help="what the server records (default: errors)")
     sim.add_argument("--recordings", type=Path, help="folder of its recordings")
+    sim.add_argument("--keys", help="folder of the server's keys (`frankapy keys`); and have a key of it yourself")
     sim.add_argument("--verbose", action="store_true", help="show what the programs write")
 
     add("compat", _compat, "show the folder that stands in for ROS: PYTHONPATH=$(frankapy compat) python SCRIPT")
@@ -106,7 +109,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                       help="degrees about fixed axes x, y, z, in this order (default 0 0 0); of a box, cylinder, capsule")  # fmt: skip
     wall.add_argument("--held", action="store_true", help="a part of the arm itself, given in the frame of the tool")
     wall.add_argument("--keep", action="store_true", help="it outlives the server")
+    wall.add_argument("--protect", action="store_true", help="only role lab changes it (which this needs)")
     change.add_parser("remove", help="remove walls").add_argument("names", nargs="+", metavar="name")
+
+    cli_keys.add_commands(add)
 
     kinds = add("kinds", _kinds, "list the parts that skills are made of, with their fields; a server's own too")
     kinds.add_argument("role", nargs="?", choices=["trajectory", "controller", "termination", "ending"], help="only these")
@@ -124,6 +130,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     doctor.add_argument("--robot", metavar="ADDRESS", help="look for a real arm at this address")
 
     options = parser.parse_args(arguments)
+    if getattr(options, "key", None):
+        os.environ[KEY_VARIABLE] = options.key
     try:
         return int(options.run(options))
     except FrankaArmException as error:
@@ -266,7 +274,7 @@ def _walls(options: argparse.Namespace) -> int:
                 wall = walls.Mesh(*walls.read_stl(options.file, options.scale), pose)
             else:
                 wall = getattr(walls, options.shape.capitalize())(*options.size, pose)
-            (fa.walls.hold if options.held else fa.walls.add)(options.name, wall, options.keep)
+            (fa.walls.hold if options.held else fa.walls.add)(options.name, wall, options.keep, options.protect)
         elif options.change == "remove":
             fa.walls.remove(*options.names)
         rows = []
@@ -280,7 +288,7 @@ def _walls(options: argparse.Namespace) -> int:
             angles = RigidTransform(RigidTransform.rotation_from_quaternion(wall.orientation), np.zeros(3)).euler_angles
             degrees = np.degrees(angles).round(2) + 0.0  # + 0.0: no "-0"
             turned = f", turned {' '.join(f'{angle:g}' for angle in degrees)} degrees" if degrees.any() else ""
-            kinds = ", held" * wall.held + ", fixed" * wall.fixed + ", kept" * wall.keep
+            kinds = ", held" * wall.held + ", protected" * wall.fixed + ", kept" * wall.keep
             rows.append((name, f"{shape} {lengths} at {place} m{turned}{kinds}"))
         print_rows("walls" if rows else "no walls", rows)
     return 0
@@ -323,7 +331,7 @@ def _sim(options: argparse.Namespace) -> int:
     )
     log = sys.stderr if options.verbose else None
     with Simulation(arms, listen=options.listen, port=options.port, load=options.load,
-                    record=options.record, recordings=options.recordings, log=log) as simulation:
+                    record=options.record, recordings=options.recordings, keys=options.keys, log=log) as simulation:
         for i, address in enumerate(simulation.addresses):
             print(f"arm {i + 1}: simulated {TITLES[robots[i % len(robots)]]} at {address}")
         server = simulation.server

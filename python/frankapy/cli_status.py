@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from frankapy import proto
-from frankapy.connection import Connection, list_arms, server_address
+from frankapy.connection import Connection, arms_of, find_server
 from frankapy.terminal import print_rows
 from frankapy.utils import franka_pose_to_rigid_transform
 
@@ -45,9 +45,11 @@ _PHASES = {
 
 def show(options: argparse.Namespace) -> int:
     """Show the arms of a server and what they do; return 0 where all can move, else 1."""
-    host, port = server_address(options.server)
-    arms = list_arms(options.server)
-    print(f"franka-interface at {host}:{port}: {len(arms)} arm{'s' * (len(arms) != 1)}")
+    server = find_server(options.server)
+    answer = arms_of(server)
+    arms = answer.arms
+    refused = f"; {answer.refused_keys} connections with unknown keys refused" if answer.refused_keys else ""
+    print(f"franka-interface at {server.address}: {len(arms)} arm{'s' * (len(arms) != 1)}{refused}")
     good = True
     deficiencies: list[str] = []
     for number, arm in enumerate(arms, 1):
@@ -83,6 +85,8 @@ def _rows(welcome: proto.Welcome, state: proto.ArmState) -> list[tuple[str, str]
             f"{TITLES.get(welcome.model, welcome.model)} at {welcome.address}, protocol {welcome.protocol_version}",
         )
     ]
+    if welcome.key:
+        rows.append(("you", f"{welcome.key}, role {proto.Role.Name(welcome.role).lower()}"))
     mode = proto.RobotMode.Name(robot.robot_mode).lower().replace("_", " ")
     rows.append(("mode", f"{mode}; the server is {_PHASES.get(state.phase, str(state.phase))}"))
     if state.skill_id:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import functools
 import getpass
 import os
@@ -11,10 +13,12 @@ import threading
 import time
 
 import zmq
+from zmq.utils.monitor import recv_monitor_message
 
 from frankapy import channel as channels
 from frankapy import proto
 from frankapy.channel import COMMANDS, Call, Channel, parse_reply, raise_error
+from frankapy.client_key import KEY_VARIABLE, ClientKey, find_key, usual_file
 from frankapy.exceptions import (
     FrankaArmArgumentError,
     FrankaArmBusyException,
@@ -33,7 +37,15 @@ DEFAULT_SERVER = f"127.0.0.1:{DEFAULT_PORT}"
 _ASK_AGAIN = 0.5  # s
 _START_TIME = 10.0  # s that an arm's process may need to be ready
 _CLOCK_QUESTIONS = 10
+_FAILURES = 3  # handshakes in a row after which it is believed that they fail
 _ROUND_TRIPS = 5
+# What a ZMTP 3 peer says first, and how long that is with what follows: mechanism (20 bytes), whether it is the server, filler.
+# A server that hears of another mechanism than its own hangs up before it has named that.
+_SIGNATURE_AND_VERSION = b"\xff" + bytes(8) + b"\x7f\x03\x00"
+_GREETING_SIZE = 64  # bytes
+_NO_ANSWER = (
+    "Something listens at {} but does not answer as franka-interface does: is it another program, or another version of it?"
+)
 _LEASE_TICK = 0.05  # s
 _LEASE_TIME = 1.0  # s after which the lease of a client that was killed has fallen free
 _END_TIME = 1.0  # s that the supervisor may need to say how an arm's process ended, or to be there again
@@ -57,70 +69,146 @@ def server_address(server: str | None = None) -> tuple[str, int]:
     return host, int(port)
 
 
-def list_arms(server: str | None = None) -> list[proto.Arms.Arm]:
-    """Ask the supervisor for its arms, in the order of robot_num; endpoints are as seen from here.
+@dataclasses.dataclass(frozen=True)
+class Server:
+    """A server, and the key with which one connects to it (None: it has no keys)."""
 
-    Raises FrankaArmCommException when nobody answers there, or one of another version.
+    host: str
+    port: int
+    key: ClientKey | None
+
+    @property
+    def address(self) -> str:
+        """Return host:port."""
+        return f"{self.host}:{self.port}"
+
+    def connect(self, socket: zmq.Socket[bytes]) -> None:
+        """Connect a socket to the supervisor."""
+        if self.key is not None:
+            self.key.use_for(socket)
+        socket.connect(f"tcp://{self.address}")
+
+
+def find_server(server: str | None = None, key: str | os.PathLike[str] | None = None) -> Server:
+    """Look for a server, and find the key for it: of that file, else of $FRANKAPY_KEY, else of the usual one.
+
+    Raises FrankaArmCommException when nobody listens there, or where only one of both has a key. A key that was not named for this
+    server is left out on this computer, where a server has none: a simulated arm beside the arms of a lab.
     """
     host, port = server_address(server)
-    try:
-        # ZeroMQ would try for ever; a refusal is known at once.
-        socket.create_connection((host, port), timeout=channels.SILENCE).close()
-    except OSError as error:
-        reason = error.strerror or "timed out"
+    own = find_key(key)
+    mechanism = _mechanism(host, port)
+    if mechanism == "CURVE" and own is None:
         raise FrankaArmCommException(
-            f"No server at {host}:{port} ({reason}). `frankapy sim` starts one with a simulated arm, "
-            f"`franka-interface --robot ADDRESS` one for a real arm; where it runs elsewhere, name it: "
-            f"FrankaArm(server='host:port') or {SERVER_VARIABLE}=host:port."
-        ) from None
+            f"The server at {host}:{port} takes only clients with a key, and there is none here: whoever runs it makes one (`frankapy keys "
+            f"add`). Then FrankaArm(key=FILE), {KEY_VARIABLE}=FILE, or the file as {usual_file()}."
+        )
+    if mechanism == "NULL" and own is not None:
+        if own.named or not _is_this_computer(host):
+            raise FrankaArmCommException(
+                f"The server at {host}:{port} has no keys, and {own} is for one that has: is it the right server? Nothing was sent to it."
+            )
+        own = None
+    return Server(host, port, own)
+
+
+def _mechanism(host: str, port: int) -> str:
+    """Return how a server lets clients in, "CURVE" or "NULL": it says so in the greeting of its protocol (ZMTP 3)."""
+    deadline = time.monotonic() + channels.SILENCE
+    while (rest := deadline - time.monotonic()) > 0:  # one that was about to end may have closed the connection
+        greeting = b""
+        try:
+            # ZeroMQ would try for ever; a refusal is known at once.
+            probe = socket.create_connection((host, port), timeout=rest)
+        except OSError as error:
+            reason = error.strerror or "timed out"
+            raise FrankaArmCommException(
+                f"No server at {host}:{port} ({reason}). `frankapy sim` starts one with a simulated arm, "
+                f"`franka-interface --robot ADDRESS` one for a real arm; where it runs elsewhere, name it: "
+                f"FrankaArm(server='host:port') or {SERVER_VARIABLE}=host:port."
+            ) from None
+        with probe, contextlib.suppress(OSError):
+            probe.sendall(_SIGNATURE_AND_VERSION)
+            while len(greeting) < _GREETING_SIZE and (more := probe.recv(_GREETING_SIZE - len(greeting))):
+                greeting += more
+        if len(greeting) == _GREETING_SIZE:
+            return greeting[12:32].rstrip(b"\0").decode("ascii", "replace")
+        time.sleep(0.02)
+    raise FrankaArmCommException(_NO_ANSWER.format(f"{host}:{port}"))
+
+
+def _is_this_computer(host: str) -> bool:
+    return host == "localhost" or host.startswith("127.")
+
+
+def arms_of(server: Server) -> proto.Arms:
+    """Ask the supervisor for its arms, in the order of robot_num; endpoints are as seen from here.
+
+    Raises FrankaArmCommException when it does not answer, does not know the key, has another one, or speaks another version.
+    """
     context = zmq.Context()
     dealer = context.socket(zmq.DEALER)
     try:
         dealer.linger = 0
-        dealer.connect(f"tcp://{host}:{port}")
+        monitor = dealer.get_monitor_socket(channels.HANDSHAKE_FAILURES)
+        server.connect(dealer)
         deadline = time.monotonic() + channels.SILENCE
+        failures = 0
         answered = False
-        while not answered and time.monotonic() < deadline:  # a server that was about to end may have taken a question with it
+        while not answered and failures < _FAILURES and time.monotonic() < deadline:  # a server that was about to end may have taken a question with it
             dealer.send(proto.Request(request_id=1, list_arms=proto.ListArms()).SerializeToString())
-            answered = bool(dealer.poll(int(1000 * _ASK_AGAIN)))
-        if not answered:
+            again = time.monotonic() + _ASK_AGAIN
+            while not answered and failures < _FAILURES and (rest := again - time.monotonic()) > 0:
+                ready = zmq.select([dealer, monitor], [], [], rest)[0]
+                answered = dealer in ready
+                if not answered and monitor in ready:
+                    failures += 1
+                    if recv_monitor_message(monitor)["event"] == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                        raise FrankaArmCommException(channels.unknown_key(server.address, server.key))
+        if failures and not answered and server.key is not None:
             raise FrankaArmCommException(
-                f"Something listens at {host}:{port} but does not answer as franka-interface does: is it another "
-                f"program, or another version of it?"
+                f"The server at {server.address} is not the one that {server.key} is for: were its keys made anew (then this client needs a "
+                f"new one), or is it another server?"
             )
+        if not answered:
+            raise FrankaArmCommException(_NO_ANSWER.format(server.address))
         reply = parse_reply(dealer.recv())
     finally:
+        dealer.disable_monitor()
         context.destroy(linger=0)
     if reply is None or reply.WhichOneof("answer") not in ("arms", "error"):
-        raise FrankaArmCommException(f"What answers at {host}:{port} is no franka-interface.")
+        raise FrankaArmCommException(f"What answers at {server.address} is no franka-interface.")
     raise_error(reply)
-    check_version(reply.arms.version, f"{host}:{port}")
-    arms = list(reply.arms.arms)
-    for arm in arms:
-        arm.endpoint = reachable(arm.endpoint, host)
-        arm.state_endpoint = reachable(arm.state_endpoint, host)
-        arm.sensor_endpoint = reachable(arm.sensor_endpoint, host)
-    return arms
+    check_version(reply.arms.version, server.address)
+    for arm in reply.arms.arms:
+        arm.endpoint = reachable(arm.endpoint, server.host)
+        arm.state_endpoint = reachable(arm.state_endpoint, server.host)
+        arm.sensor_endpoint = reachable(arm.sensor_endpoint, server.host)
+    return reply.arms
 
 
-def find_arm(server: str | None, robot_num: int) -> proto.Arms.Arm:
-    """Return the arm of that number, from 1; raises as `list_arms`, FrankaArmArgumentError when there is none."""
+def list_arms(server: str | None = None, key: str | os.PathLike[str] | None = None) -> list[proto.Arms.Arm]:
+    """Find a server and return its arms; raises as `find_server` and `arms_of`."""
+    return list(arms_of(find_server(server, key)).arms)
+
+
+def find_arm(server: Server, robot_num: int) -> proto.Arms.Arm:
+    """Return the arm of that number, from 1; raises as `arms_of`, FrankaArmArgumentError when there is none."""
     robot_num = whole("robot_num", robot_num)
-    arms = list_arms(server)
+    arms = arms_of(server).arms
     if not 1 <= robot_num <= len(arms):
         there = ", ".join(f"{i} ({arm.name})" for i, arm in enumerate(arms, 1)) or "none"
         raise FrankaArmArgumentError(f"robot_num is {robot_num}: the arms of the server are {there}")
     return arms[robot_num - 1]
 
 
-def way_to(server: str | None) -> float:
+def way_to(server: Server) -> float:
     """Return how long (s) a message to a server takes at least: half of the shortest round trip; 0 where none was made."""
-    host, port = server_address(server)
     question = proto.Request(request_id=1, list_arms=proto.ListArms()).SerializeToString()
     trips = []
     with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
         dealer.linger = 0
-        dealer.connect(f"tcp://{host}:{port}")
+        server.connect(dealer)
         for _ in range(_ROUND_TRIPS):
             begin = time.perf_counter()
             dealer.send(question)
@@ -151,12 +239,14 @@ class Connection:
     Finds the arm's process through the supervisor, and again after it was restarted or after a fork.
     """
 
-    def __init__(self, server: str | None = None, robot_num: int = 1) -> None:
-        """Connect and say Hello.
+    def __init__(self, server: str | None = None, robot_num: int = 1, key: str | os.PathLike[str] | None = None) -> None:
+        """Connect, with the key of that file (None: as `find_server`), and say Hello.
 
-        Raises FrankaArmCommException: nobody there, no such arm, not ready within 10 s, another version.
+        Raises FrankaArmCommException: nobody there, no such arm, not ready within 10 s, another version, a wrong key.
         """
         self._server = server
+        self._key_file = key
+        self.key: ClientKey | None = None
         self._robot_num = robot_num
         self._lock = threading.Lock()  # of opening
         self._closed = False
@@ -294,10 +384,12 @@ class Connection:
     def _open(self) -> Channel:
         deadline = time.monotonic() + _START_TIME
         while True:
-            arm = find_arm(self._server, self._robot_num)
+            server = find_server(self._server, self._key_file)
+            self.key = server.key
+            arm = find_arm(server, self._robot_num)
             reason = arm.status or "it is starting"
             if arm.endpoint:
-                channel = Channel(arm.endpoint, functools.partial(self._how_it_ended, arm.starts))
+                channel = Channel(arm.endpoint, functools.partial(self._how_it_ended, arm.starts), self.key)
                 try:
                     self.welcome = self._hello(channel)
                     return channel
@@ -318,7 +410,7 @@ class Connection:
         deadline = time.monotonic() + _END_TIME
         while time.monotonic() < deadline:
             try:
-                arm = find_arm(self._server, self._robot_num)
+                arm = find_arm(find_server(self._server, self._key_file), self._robot_num)
             except FrankaArmException:
                 break
             if arm.starts != starts or not arm.endpoint:

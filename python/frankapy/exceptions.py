@@ -26,5 +26,9 @@ class FrankaArmBusyException(FrankaArmException):
     """Another client commands the arm."""
 
 
+class FrankaArmNotPermittedException(FrankaArmException):
+    """The role of this client's key does not allow it; see docs/keys.md."""
+
+
 class FrankaArmArgumentError(FrankaArmException, ValueError):
     """What was asked cannot be: sizes, values, frames, unreachable goals. Nothing has moved."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -79,21 +80,24 @@ class FrankaArm:
         self, rosnode_name: str = "franka_arm_client", ros_log_level: int = 2, robot_num: int = 1,
         with_gripper: bool = True, old_gripper: bool = False, offline: bool = False, init_node: bool = True,
         *, server: str | None = None, node_name: str | None = None, init_rclpy: bool = True,
+        key: str | os.PathLike[str] | None = None,
     ) -> None:  # fmt: skip
         """Connect to the server of an arm and wait until it is there, at most 10 s.
 
         `robot_num` is the number of the arm in the server's configuration, from 1. `server` is host or host:port of
-        franka-interface; without it the environment variable FRANKA_INTERFACE_SERVER, then 127.0.0.1:5757.
+        franka-interface; without it the environment variable FRANKA_INTERFACE_SERVER, then 127.0.0.1:5757. `key` is the file of this
+        client's key where the server has keys (docs/keys.md); without it FRANKAPY_KEY, then frankapy/key.json in the user's
+        configuration.
         `with_gripper=False` is for an arm without a hand. `offline=True` needs no server: reads give zeros, motions are
         checked and not made. The names of nodes, their log level and `old_gripper` are accepted and mean nothing here.
 
-        Raises FrankaArmCommException when there is no server, no arm, or another version.
+        Raises FrankaArmCommException when there is no server, no arm, another version, or not the right key.
         """
         self._tool_delta_pose = RigidTransform(np.eye(3), np.zeros(3), from_frame=TOOL, to_frame=TOOL_BASE)
         self._speed = 1.0
         self._sensors: SensorPublisher | None = None
-        self._server_name, self._robot_num = server, whole("robot_num", robot_num)
-        self._connection = None if offline else Connection(server, self._robot_num)
+        self._server_name, self._robot_num, self._key_file = server, whole("robot_num", robot_num), key
+        self._connection = None if offline else Connection(server, self._robot_num, key)
         self._motions, self._hand = Motions(self._connection), Hand(self._connection, wanted=bool(with_gripper))
         self._reader = StateReader(self._connection)
         if self._connection is None:
@@ -743,6 +747,7 @@ class FrankaArm:
         self, trajectory: Message, controller: Message | None = None, until: Message | Sequence[Message] = (),
         *, robot_controller: str = "auto", speed: float | None = None, start_time: float | None = None, preempt: bool = False,
         block: bool = True, ignore_errors: bool = False, skill_desc: str = "",
+        publishers: Mapping[str, Sequence[str]] | None = None,
     ) -> proto.SkillResult | None:  # fmt: skip
         """Run a skill of any parts; `frankapy.parts` has them, and `frankapy kinds` lists them.
 
@@ -766,14 +771,17 @@ class FrankaArm:
             block: wait for the end; its result is returned.
             ignore_errors: where the robot reports an error, log it and recover, instead of raising.
             skill_desc: goes with the skill's states.
+            publishers: by topic, the names of the keys whose sensor messages the skill takes ({"policy": ["anna"]}), where the
+                server has keys; of other topics, everybody's who may command.
 
         Raises FrankaArmArgumentError for values against their rules and for parts that do not fit each other, with those
         that would; FrankaArmException where the robot reports an error.
         """
         controller = proto.InternalImpedance() if controller is None else controller
         return self._run(
-            trajectory, controller, any_of(until), skill_desc, block, ignore_errors, robot_controller, preempt, speed, start_time
-        )
+            trajectory, controller, any_of(until), skill_desc, block, ignore_errors, robot_controller, preempt, speed, start_time,
+            publishers=publishers,
+        )  # fmt: skip
 
     def check(
         self, trajectory: Message, controller: Message | None = None, until: Message | Sequence[Message] = (),
@@ -830,7 +838,7 @@ class FrankaArm:
 
     def publisher(self, topic: str) -> SensorPublisher:
         """Return a publisher of sensor messages over a topic of this arm."""
-        return SensorPublisher(topic, self._robot_num, self._server_name)
+        return SensorPublisher(topic, self._robot_num, self._server_name, self._key_file)
 
     @property
     def walls(self) -> Walls:
@@ -963,7 +971,8 @@ class FrankaArm:
             >>> with fa.states(rate=100, fields=["robot.q", "robot.dq"]) as states:
             ...     print(states.receive().robot.q)
         """
-        return StateStream(self._server.current_welcome().state_endpoint, rate=number("rate", rate), fields=fields)
+        endpoint = self._server.current_welcome().state_endpoint
+        return StateStream(endpoint, rate=number("rate", rate), fields=fields, key=self._server.key)
 
     def wait_for(self, condition: Callable[[proto.ArmState], bool], timeout: float | None = None) -> proto.ArmState:
         """Wait until a state fulfils a condition, which is asked of each cycle's; return that state.
@@ -974,7 +983,7 @@ class FrankaArm:
             >>> fa.wait_for(lambda state: max(state.robot.dq) < 0.05, timeout=10)
         """
         timeout = None if timeout is None else number("timeout", timeout)
-        return states.wait_for(self._server.current_welcome().state_endpoint, condition, timeout)
+        return states.wait_for(self._server.current_welcome().state_endpoint, condition, timeout, self._server.key)
 
     def get_robot_state(self) -> dict[str, Any]:
         """Return the state as a dictionary of the published interface.
@@ -1170,11 +1179,11 @@ class FrankaArm:
     def _run(
         self, trajectory: Message, controller: Message, ends: Sequence[Message], skill_desc: str, block: bool, ignore_errors: bool,
         robot_controller: str = "auto", preempt: bool = False, speed: float | None = None, start_time: float | None = None,
-        led: bool = False,
+        led: bool = False, publishers: Mapping[str, Sequence[str]] | None = None,
     ) -> proto.SkillResult | None:  # fmt: skip
         """Send a skill; where asked to, wait for its end and return its result."""
         speed = self.speed if speed is None else number("speed", speed)
-        skill = make_skill(trajectory, controller, ends, skill_desc, robot_controller, speed, start_time)
+        skill = make_skill(trajectory, controller, ends, skill_desc, robot_controller, speed, start_time, publishers)
         self._reader.stop_listening()
         duration = getattr(trajectory, "duration", 0.0) / (speed or 1)
         return self._motions.run(skill, duration, block, ignore_errors, preempt, led)

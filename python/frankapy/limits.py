@@ -74,6 +74,18 @@ def _bound(name: str, text: str) -> property:
     return property(now, reduce, doc=text)
 
 
+def _checked(limits: dict[str, float]) -> proto.Limits:
+    unknown = set(limits) - set(proto.Limits.DESCRIPTOR.fields_by_name)
+    if unknown:
+        raise FrankaArmArgumentError(
+            f"{', '.join(sorted(unknown))}: expected some of {', '.join(proto.Limits.DESCRIPTOR.fields_by_name)}"
+        )
+    given: dict[str, Any] = {name: number(name, value) for name, value in limits.items()}
+    checked = proto.Limits(**given)
+    validate(checked)
+    return checked
+
+
 class Limits:
     """The limits of an arm, as `fa.limits`.
 
@@ -142,15 +154,15 @@ class Limits:
 
     def update(self, **limits: float) -> None:
         """Set some of them at once: all or none. Raises FrankaArmArgumentError for one that is above `most`."""
-        unknown = set(limits) - set(proto.Limits.DESCRIPTOR.fields_by_name)
-        if unknown:
-            raise FrankaArmArgumentError(
-                f"{', '.join(sorted(unknown))}: expected some of {', '.join(proto.Limits.DESCRIPTOR.fields_by_name)}"
-            )
-        given: dict[str, Any] = {name: number(name, value) for name, value in limits.items()}
-        change = proto.ChangeLimits(limits=proto.Limits(**given))
-        validate(change)
-        self._change(change)
+        self._change(proto.ChangeLimits(limits=_checked(limits)))
+
+    def allow(self, **limits: float) -> None:
+        """Set some of `most` at once, in place of the server's configuration: what everybody may ask for from now on.
+
+        Needs the role lab (docs/keys.md), and no lease. At most what the robot allows, and of velocity, acceleration and jerk the
+        configuration. Raises FrankaArmNotPermittedException, or FrankaArmArgumentError for more.
+        """
+        self._change(proto.ChangeLimits(most=_checked(limits)))
 
     def reset(self) -> None:
         """Set all of them to `most`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import secrets
 import time
 from types import TracebackType
@@ -11,7 +12,7 @@ import zmq
 from google.protobuf.message import Message
 
 from frankapy import proto
-from frankapy.connection import find_arm, way_to
+from frankapy.connection import find_arm, find_server, way_to
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.sockets import owned_socket
 from frankapy.validation import text, validate
@@ -31,19 +32,27 @@ class SensorPublisher:
         ...     publisher.publish(proto.JointPositionSensorMessage(joints=q))
     """
 
-    def __init__(self, topic: str, robot_num: int = 1, server: str | None = None) -> None:
-        """Find the arm; raises FrankaArmCommException when there is no server, FrankaArmArgumentError for a bad name."""
+    def __init__(
+        self, topic: str, robot_num: int = 1, server: str | None = None, key: str | os.PathLike[str] | None = None
+    ) -> None:
+        """Find the arm; `server` and `key` are those of FrankaArm.
+
+        Raises FrankaArmCommException when there is no server, FrankaArmArgumentError for a bad name.
+        """
         if not text("topic", topic, 256):
             raise FrankaArmArgumentError("topic is '': expected a name of 1 to 256 bytes")
-        endpoint = find_arm(server, robot_num).sensor_endpoint
+        found = find_server(server, key)
+        endpoint = find_arm(found, robot_num).sensor_endpoint
         if not endpoint:
             raise FrankaArmCommException("The arm's process is not ready: `frankapy status` tells why.")
         self.topic = topic
-        self._way_ns = round(1e9 * way_to(server))
+        self._way_ns = round(1e9 * way_to(found))
         self._id = secrets.randbits(63)
         self._sequence = itertools.count(1)
         self._socket, self._close = owned_socket(self, zmq.PUSH, _LINGER)
         self._socket.sndhwm = 10_000
+        if found.key is not None:
+            found.key.use_for(self._socket)
         self._socket.connect(endpoint)
 
     def __repr__(self) -> str:

@@ -80,6 +80,7 @@ class Simulation(ControlChannel):
         load: Sequence[str | os.PathLike[str]] = (),
         record: str | None = None,
         recordings: str | os.PathLike[str] | None = None,
+        keys: str | os.PathLike[str] | None = None,
         log: IO[str] | None = None,
     ) -> None:
         """Start, and wait until every arm is ready; without `arms`, one FR3.
@@ -92,6 +93,8 @@ class Simulation(ControlChannel):
             load: libraries of parts of one's own (`frankapy new`).
             record: what the server records: "off", "errors", "skills" or "always"; None: its default, errors.
             recordings: folder of its recordings; None: its default.
+            keys: folder of its keys (docs/keys.md), of which this program has one as $FRANKAPY_KEY or in the usual place; None: its
+                default.
             log: where both programs write; None: nowhere, but into the exception when they fail.
 
         Raises FrankaArmException which says what a program wrote when it did not start.
@@ -110,7 +113,7 @@ class Simulation(ControlChannel):
                 self._loops += [loop] * len(addresses)
             super().__init__(self.addresses[0])
             self.arms += [self, *(ControlChannel(address) for address in self.addresses[1:])]
-            self.server = self._start_server(listen, port, hold_time, load, record, recordings)
+            self.server = self._start_server(listen, port, hold_time, load, record, recordings, keys)
             self._wait_until_ready()
         except BaseException:
             self.close()
@@ -197,6 +200,7 @@ class Simulation(ControlChannel):
         load: Sequence[str | os.PathLike[str]],
         record: str | None,
         recordings: str | os.PathLike[str] | None,
+        keys: str | os.PathLike[str] | None,
     ) -> str:
         if port:
             _require_free_port(listen, port)
@@ -210,6 +214,7 @@ class Simulation(ControlChannel):
         command = [program("franka-interface"), "--config", str(config), "--listen", listen, "--port", str(port)]
         command += ["--record", record] if record else []
         command += ["--recordings", os.fspath(recordings)] if recordings else []
+        command += ["--keys", os.fspath(keys)] if keys else []
         child = Child(command, self._log)
         self._children.append(child)
         deadline = time.monotonic() + _START_TIME

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from google.protobuf.message import Message
@@ -41,6 +41,7 @@ def make_skill(
     robot_controller: str = "auto",
     speed: float = 1,
     start_time: float | None = None,
+    publishers: Mapping[str, Sequence[str]] | None = None,
 ) -> proto.Skill:
     """Put one trajectory, one controller and any number of terminations into a skill, after checking each.
 
@@ -62,6 +63,10 @@ def make_skill(
     )
     if start_time is not None:
         skill.start_time = number("start_time", start_time)
+    for topic, keys in (publishers or {}).items():
+        if isinstance(keys, str):
+            raise FrankaArmArgumentError(f"publishers[{topic!r}] is {keys!r}: expected names of keys, such as [{keys!r}]")
+        skill.publishers.add(topic=text("topic", topic, 256), names=[text("name", name, 100) for name in keys])
     validate(skill)
     validate(trajectory)
     skill.trajectory.Pack(trajectory)

@@ -15,6 +15,7 @@ import zmq
 from google.protobuf.field_mask_pb2 import FieldMask
 
 from frankapy import kinematics, proto
+from frankapy.client_key import ClientKey
 from frankapy.connection import Connection
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.sockets import owned_socket
@@ -30,13 +31,15 @@ _CARTESIAN_MODES = (3, 4)  # of RobotState.motion_generator_mode: pose and veloc
 class NewestState:
     """The newest state of an arm, at hand without a question to its server: ZeroMQ's own thread keeps it."""
 
-    def __init__(self, endpoint: str) -> None:
-        """Subscribe at `endpoint` (Welcome.state_endpoint)."""
+    def __init__(self, endpoint: str, key: ClientKey | None = None) -> None:
+        """Subscribe at `endpoint` (Welcome.state_endpoint) of a server that has keys, or None."""
         self._lock = threading.Lock()
         self._state: proto.ArmState | None = None
         self._socket, self._close = owned_socket(self, zmq.SUB)
         self._socket.conflate = True
         self._socket.subscribe(_ALL)
+        if key is not None:
+            key.use_for(self._socket)
         self._socket.connect(endpoint)
 
     def read(self) -> proto.ArmState | None:
@@ -63,8 +66,10 @@ class StateStream:
     Use it with `with`, or close it.
     """
 
-    def __init__(self, endpoint: str, timeout: float = 5.0, rate: float = 1000, fields: Sequence[str] = ()) -> None:
-        """Subscribe at `endpoint` (Welcome.state_endpoint).
+    def __init__(
+        self, endpoint: str, timeout: float = 5.0, rate: float = 1000, fields: Sequence[str] = (), key: ClientKey | None = None
+    ) -> None:
+        """Subscribe at `endpoint` (Welcome.state_endpoint), with the key of the connection.
 
         Iteration ends after `timeout` (s) without a state. `rate` (1/s) is 1000, or that divided by a whole number; `fields`
         are those that are sent ("robot.q", "phase"), none: all. Raises FrankaArmArgumentError for others.
@@ -82,6 +87,8 @@ class StateStream:
         self._socket.rcvhwm = 10_000
         self._socket.rcvtimeo = int(1000 * timeout)
         self._socket.subscribe(self._topic)
+        if key is not None:
+            key.use_for(self._socket)
         self._socket.connect(endpoint)
 
     def __iter__(self) -> Iterator[proto.ArmState]:
@@ -136,7 +143,7 @@ class StateReader:
         newest = self._newest
         if newest is None or newest[:2] != (os.getpid(), endpoint):
             self.stop_listening()
-            self._newest = (os.getpid(), endpoint, NewestState(endpoint))
+            self._newest = (os.getpid(), endpoint, NewestState(endpoint, server.key))
             return None
         state = newest[2].read()
         if state is None:
@@ -161,13 +168,15 @@ def _zeros() -> proto.ArmState:
     return proto.ArmState(robot=robot, gripper=proto.GripperState(width=0, is_grasped=False))
 
 
-def wait_for(endpoint: str, condition: Callable[[proto.ArmState], bool], timeout: float | None) -> proto.ArmState:
+def wait_for(
+    endpoint: str, condition: Callable[[proto.ArmState], bool], timeout: float | None, key: ClientKey | None = None
+) -> proto.ArmState:
     """Return the first state published at `endpoint` that fulfils a condition.
 
     Raises FrankaArmCommException when none does within `timeout` (s; None: any time), or when no states come.
     """
     deadline = math.inf if timeout is None else time.monotonic() + timeout
-    with StateStream(endpoint) as states:
+    with StateStream(endpoint, key=key) as states:
         for state in states:
             if condition(state):
                 return state

@@ -118,31 +118,37 @@ class Walls(Mapping[str, proto.Wall]):
         self._change = change
         self._flange_to_tool = flange_to_tool
 
-    def add(self, name: str, wall: proto.Wall, keep: bool = False) -> None:
+    def add(self, name: str, wall: proto.Wall, keep: bool = False, protect: bool = False) -> None:
         """Add one, or put it in the place of that name; with `keep` it is there when the server is started again, until removed.
 
-        Raises FrankaArmArgumentError for what the server refuses.
+        With `protect` only role lab changes or removes it, who alone may say so (docs/keys.md).
+
+        Raises FrankaArmArgumentError for what the server refuses, FrankaArmNotPermittedException for what needs another role.
         """
-        self.update({name: wall}, keep)
+        self.update({name: wall}, keep, protect)
 
-    def update(self, walls: Mapping[str, proto.Wall], keep: bool = False) -> None:
+    def update(self, walls: Mapping[str, proto.Wall], keep: bool = False, protect: bool = False) -> None:
         """Add several at once, as `add`: all or none."""
-        self._change(proto.ChangeWalls(put=[self._named(name, wall, keep) for name, wall in walls.items()]))
+        self._change(proto.ChangeWalls(put=[self._named(name, wall, keep, protect) for name, wall in walls.items()]))
 
-    def hold(self, name: str, body: proto.Wall, keep: bool = False) -> None:
+    def hold(self, name: str, body: proto.Wall, keep: bool = False, protect: bool = False) -> None:
         """Add a body to the arm itself: a tool, or what the hand holds. It is given in the frame of the tool (EE)."""
-        named = self._named(name, body, keep)
+        named = self._named(name, body, keep, protect)
         tool = self._flange_to_tool()
         rotation = tool[:3, :3] @ RigidTransform.rotation_from_quaternion(named.orientation)
         _place(named, RigidTransform(rotation, tool[:3, :3] @ named.position + tool[:3, 3])).held = True
         self._change(proto.ChangeWalls(put=[named]))
 
     def remove(self, *names: str) -> None:
-        """Remove these. Raises FrankaArmArgumentError where one is not there, or is of the server's configuration."""
+        """Remove these.
+
+        Raises FrankaArmArgumentError where one is not there, FrankaArmNotPermittedException where one is protected, as those of the
+        server's configuration are, and this client has not the role lab.
+        """
         self._change(proto.ChangeWalls(remove=names))
 
     def clear(self) -> None:
-        """Remove all that are not of the server's configuration."""
+        """Remove all that are not protected."""
         self.remove(*(name for name, wall in self._all().items() if not wall.fixed))
 
     def __delitem__(self, name: str) -> None:
@@ -173,12 +179,13 @@ class Walls(Mapping[str, proto.Wall]):
     def _all(self) -> dict[str, proto.Wall]:
         return {wall.name: wall for wall in self._change(proto.ChangeWalls()).walls}
 
-    def _named(self, name: str, wall: proto.Wall, keep: bool) -> proto.Wall:
+    def _named(self, name: str, wall: proto.Wall, keep: bool, protect: bool) -> proto.Wall:
         if not isinstance(wall, proto.Wall):
             raise FrankaArmArgumentError(f"wall is {wall!r}: expected Plane(...), Box(...), Sphere(...), Cylinder(...), Capsule(...) or Mesh(...)")
         named = proto.Wall()
         named.CopyFrom(wall)
         named.name = name
         named.keep = flag("keep", keep)
+        named.fixed = flag("protect", protect)
         validate(named)
         return named

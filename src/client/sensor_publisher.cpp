@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdlib>
+#include <optional>
 #include <random>
 #include <stdexcept>
 #include <zmq.hpp>
 
+#include "client/key.hpp"
 #include "frankapy/proto/sensors.pb.h"
 #include "frankapy/proto/service.pb.h"
 #include "wire/proto/validation.hpp"
@@ -43,11 +45,12 @@ struct Server {
   std::int64_t way_ns;   // half of the shortest round trip
 };
 
-Server find(zmq::context_t& context, const std::string& server, int robot_num) {
+Server find(zmq::context_t& context, const std::string& server, int robot_num, const std::optional<Key>& key) {
   const std::string address = address_of(server);
   zmq::socket_t socket(context, zmq::socket_type::dealer);
   socket.set(zmq::sockopt::linger, 0);
   socket.set(zmq::sockopt::rcvtimeo, kSilence);
+  if (key) key->use_for(socket);
   try {
     socket.connect("tcp://" + address);
   } catch (const zmq::error_t&) {
@@ -64,7 +67,8 @@ Server find(zmq::context_t& context, const std::string& server, int robot_num) {
     socket.send(zmq::buffer(question), zmq::send_flags::none);
     zmq::message_t answer;
     if (!socket.recv(answer) || !reply.ParseFromArray(answer.data(), static_cast<int>(answer.size())) || !reply.has_arms()) {
-      throw std::runtime_error("no franka-interface answers at " + address + ": does it run there?");
+      throw std::runtime_error("no franka-interface answers at " + address + ": does it run there" +
+                               (key ? ", with keys, and does it know the one of " + key->file() + "?" : ", without keys? There is none here"));
     }
     shortest = std::min<std::chrono::nanoseconds>(shortest, std::chrono::steady_clock::now() - begin);
   }
@@ -94,7 +98,7 @@ struct SensorPublisher::Socket {
   zmq::socket_t push{context, zmq::socket_type::push};
 };
 
-SensorPublisher::SensorPublisher(const std::string& topic, const std::string& server, int robot_num)
+SensorPublisher::SensorPublisher(const std::string& topic, const std::string& server, int robot_num, const std::string& key)
     : topic_(topic), id_(random_id()), socket_(std::make_unique<Socket>()) {
   if (topic.empty() || topic.size() > kMaxTopicName) {
     throw std::invalid_argument("topic has " + std::to_string(topic.size()) + " bytes: expected 1 to " +
@@ -102,7 +106,9 @@ SensorPublisher::SensorPublisher(const std::string& topic, const std::string& se
   }
   socket_->push.set(zmq::sockopt::linger, kLinger);
   socket_->push.set(zmq::sockopt::sndhwm, kSendQueue);
-  const Server found = find(socket_->context, server, robot_num);
+  const std::optional<Key> own = Key::find(key);
+  const Server found = find(socket_->context, server, robot_num, own);
+  if (own) own->use_for(socket_->push);
   way_ns_ = found.way_ns;
   socket_->push.connect(found.endpoint);
 }

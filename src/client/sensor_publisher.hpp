@@ -19,9 +19,10 @@ namespace client {
 class SensorPublisher {
  public:
   // `server`: host or host:port of franka-interface; empty: $FRANKA_INTERFACE_SERVER, else 127.0.0.1:5757. Arms count from 1, in
-  // the order of the server's configuration. Throws std::invalid_argument for a bad name or number, std::runtime_error when
-  // there is no server or the arm is not ready.
-  explicit SensorPublisher(const std::string& topic, const std::string& server = "", int robot_num = 1);
+  // the order of the server's configuration. `key`: the file of a key, where the server has keys (docs/keys.md); empty:
+  // $FRANKAPY_KEY, else frankapy/key.json in the user's configuration if that is there. Throws std::invalid_argument for a bad
+  // name, number or file, std::runtime_error when there is no server, it lets this key not in, or the arm is not ready.
+  explicit SensorPublisher(const std::string& topic, const std::string& server = "", int robot_num = 1, const std::string& key = "");
   // Sends what is left, for at most a second.
   ~SensorPublisher();
   SensorPublisher(const SensorPublisher&) = delete;

@@ -6,6 +6,7 @@
 #include <zmq.hpp>
 
 #include "frankapy/proto/service.pb.h"
+#include "server/keys.hpp"
 
 namespace server {
 
@@ -13,6 +14,7 @@ namespace server {
 struct Address {
   std::string client;  // ROUTER's identity
   std::uint64_t request_id = 0;
+  Keys::Client who = {};  // by the connection
 };
 
 // What clients are told, over the socket of their requests and from its thread. To a client that is gone or does not read nothing

@@ -18,7 +18,9 @@
 #include "realtime/loop.hpp"
 #include "robot/fci_driver.hpp"
 #include "server/arm_model.hpp"
+#include "server/doorkeeper.hpp"
 #include "server/gripper.hpp"
+#include "server/keys.hpp"
 #include "server/part_record.hpp"
 #include "server/publisher.hpp"
 #include "server/realtime_setup.hpp"
@@ -66,13 +68,15 @@ class ArmProcess {
   ArmProcess(const ArmConfig& config, const RecordingsConfig& recordings, const ArmOptions& options, BlackBox& box)
       : config_(config),
         options_(options),
+        keys_(keys_for(options.listen, options.keys)),
         context_(preferred_context()),
+        doorkeeper_(keys_ ? std::make_unique<Doorkeeper>(context_, *keys_) : nullptr),
         door_(box.records),
         gripper_(config.gripper ? std::make_unique<Gripper>(config.address) : nullptr),
-        publisher_(context_, options.listen, options.state_port, door_, gripper_.get()),
+        publisher_(context_, {options.listen, keys_.get()}, options.state_port, door_, gripper_.get()),
         recorder_(box, recordings, config.name, gripper_.get()),
-        sensors_(context_, options.listen, options.sensor_port, box.journal),
-        transport_(context_, options.listen, options.port, door_, publisher_, sensors_, recorder_, gripper_.get(),
+        sensors_(context_, {options.listen, keys_.get()}, options.sensor_port, box.journal),
+        transport_(context_, {options.listen, keys_.get()}, options.port, door_, publisher_, sensors_, recorder_, gripper_.get(),
                    WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1,
                              fmt::format("{}/franka-interface/walls/{}@{}", data_folder(), config.name, config.address)),
                    LimitStore(config.limits, options.status_fd >= 0 ? ArmOptions::kLimitsFd : -1)) {}
@@ -269,7 +273,9 @@ class ArmProcess {
 
   const ArmConfig config_;
   const ArmOptions options_;
+  const std::unique_ptr<Keys> keys_;
   zmq::context_t context_;
+  const std::unique_ptr<Doorkeeper> doorkeeper_;  // null: no keys
   realtime::Door door_;
   std::unique_ptr<Gripper> gripper_;
   Publisher publisher_;

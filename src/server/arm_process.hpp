@@ -23,6 +23,7 @@ struct ArmOptions {
 
   int index = 0;              // among the arms of this computer
   std::string listen = "127.0.0.1";
+  std::string keys;              // folder of Keys; empty: see keys_for()
   std::uint16_t port = 0;        // of requests; a free one where 0 or taken
   std::uint16_t state_port = 0;  // of states; likewise
   std::uint16_t sensor_port = 0;  // of sensor messages; likewise

@@ -13,18 +13,21 @@ constexpr std::size_t kMaxClients = 1024;  // remembered
 
 }  // namespace
 
-void Clients::hear(const std::string& client) {
-  if (const auto known = clients_.find(client); known != clients_.end()) known->second.last_heard = now_;
+void Clients::hear(const std::string& client, const std::string& key) {
+  const auto known = clients_.find(client);
+  if (known != clients_.end() && known->second.key == key) known->second.last_heard = now_;
 }
 
 void Clients::come(const Address& from, const std::string& name) {
+  if (const auto before = clients_.find(from.client); before != clients_.end() && before->second.key != from.who.key) leave(from);
   if (clients_.size() >= kMaxClients && !clients_.contains(from.client)) {
     const auto oldest = std::min_element(clients_.begin(), clients_.end(), [](const auto& a, const auto& b) {
       return a.second.last_heard < b.second.last_heard;
     });
     clients_.erase(oldest);
   }
-  clients_[from.client] = {name.substr(0, 256), now_, {}};
+  const std::string key = from.who.name.empty() ? "" : from.who.name + ": ";
+  clients_[from.client] = {key + name.substr(0, 256), from.who.key, now_, {}};
 }
 
 void Clients::leave(const Address& from) {
@@ -34,7 +37,7 @@ void Clients::leave(const Address& from) {
 
 Clients::Client& Clients::known(const Address& from) {
   const auto client = clients_.find(from.client);
-  if (client == clients_.end()) {
+  if (client == clients_.end() || client->second.key != from.who.key) {
     throw Refused(proto::Error::UNKNOWN_CLIENT,
                   "this client has not said Hello, or the arm's process was restarted since: say Hello first");
   }

@@ -18,6 +18,7 @@ class Clients {
 
   struct Client {
     std::string name;
+    std::string key;  // of its connection; empty: there are none
     Duration last_heard;
     ClockEstimate clock = {};
   };
@@ -28,12 +29,12 @@ class Clients {
   // From here on it is `now`, by a clock that does not go back.
   void set_time(Duration now) { now_ = now; }
   // It has sent something.
-  void hear(const std::string& client);
-  // It has said Hello.
+  void hear(const std::string& client, const std::string& key);
+  // It has said Hello. An identity is anybody's choice: what one with another key had under it is gone.
   void come(const Address& from, const std::string& name);
   void leave(const Address& from);
 
-  // Throws Refused for one that has not said Hello.
+  // Throws Refused for one that has not said Hello, with this key.
   Client& known(const Address& from);
   // Of one that has; else empty.
   std::string name(const Address& from) const;

@@ -132,6 +132,13 @@ void read_server(const toml::table& node, const std::string& source, Config& con
   table.finish();
 }
 
+void read_keys(const toml::table& node, const std::string& source, Config& config) {
+  Table table(node, source, "keys");
+  const std::string expected = "the folder that `frankapy keys new` has made";
+  config.keys = table.text(table.require("folder", expected), "folder", expected);
+  table.finish();
+}
+
 void read_recordings(const toml::table& node, const std::string& source, RecordingsConfig& recordings) {
   Table table(node, source, "recordings");
   if (const auto* mode = table.find("mode")) {
@@ -361,6 +368,7 @@ Config parse_config(const std::string& text, const std::string& source) {
   Config config;
   Table table(root, source, "");
   if (const auto* server = table.table("server")) read_server(*server, source, config);
+  if (const auto* keys = table.table("keys")) read_keys(*keys, source, config);
   if (const auto* recordings = table.table("recordings")) read_recordings(*recordings, source, config.recordings);
   if (config.recordings.folder.empty()) config.recordings.folder = data_folder() + "/franka-interface/recordings";
   if (const auto* load = table.find("load")) {
@@ -417,6 +425,13 @@ std::string data_folder() {
   if (data != nullptr && *data != 0) return data;
   const char* home = std::getenv("HOME");
   return fmt::format("{}/.local/share", home != nullptr && *home != 0 ? home : "/var/lib");
+}
+
+std::string config_folder() {
+  const char* config = std::getenv("XDG_CONFIG_HOME");
+  if (config != nullptr && *config != 0) return config;
+  const char* home = std::getenv("HOME");
+  return home != nullptr && *home != 0 ? fmt::format("{}/.config", home) : "/etc";
 }
 
 RecordingsConfig::Mode recording_mode(const std::string& name) {

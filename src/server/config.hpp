@@ -52,6 +52,7 @@ struct Config {
   std::vector<ArmConfig> arms;
   RecordingsConfig recordings;
   std::vector<std::string> load;  // libraries of parts, as written
+  std::string keys;               // folder of Keys, as written; empty: as keys_for() says
 };
 
 // Says file, line, key, what was found and what was expected.
@@ -72,6 +73,9 @@ std::string config_of_robot(const std::string& address, bool gripper);
 
 // The folder of the user's data, where what the server keeps is by default ($XDG_DATA_HOME).
 std::string data_folder();
+
+// The folder of the user's configuration ($XDG_CONFIG_HOME).
+std::string config_folder();
 
 // The mode of that name. Throws ConfigError.
 RecordingsConfig::Mode recording_mode(const std::string& name);

@@ -52,9 +52,9 @@ void ConnectedArm::settle() {
   settled_.notify_all();
 }
 
-void ConnectedArm::change(const proto::ChangeWalls& change) {
+void ConnectedArm::change(const proto::ChangeWalls& change, const Keys::Client& who) {
   const std::lock_guard lock(mutex_);
-  walls_.change(change);
+  walls_.change(change, who);
   hand_on_walls();
 }
 

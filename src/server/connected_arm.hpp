@@ -47,7 +47,7 @@ class ConnectedArm {
   void settle();
 
   // As WallStore and LimitStore; what comes of it is handed on.
-  void change(const frankapy::proto::ChangeWalls& change);
+  void change(const frankapy::proto::ChangeWalls& change, const Keys::Client& who);
   void change(const frankapy::proto::ChangeLimits& change);
   frankapy::proto::Walls walls() const;
   frankapy::proto::LimitsInForce limits() const;

@@ -59,7 +59,8 @@ std::optional<Arrived> Inbox::receive() {
     }
     if (frames == 1) {
       const Head head = head_of(frame);
-      return Arrived{identity.to_string(), std::move(frame), head};
+      Keys::Client who = sender_of(frame, keys_);
+      return Arrived{identity.to_string(), std::move(who), std::move(frame), head};
     }
     count_garbage(fmt::format("a message of {} frames (expected one)", frames));
   }

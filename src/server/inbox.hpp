@@ -9,6 +9,7 @@
 #include <zmq.hpp>
 
 #include "frankapy/proto/service.pb.h"
+#include "server/keys.hpp"
 
 namespace server {
 
@@ -21,6 +22,7 @@ struct Head {
 // A request as it has arrived.
 struct Arrived {
   std::string client;  // ROUTER's identity
+  Keys::Client who;    // by the connection
   zmq::message_t frame;
   Head head;
   std::uint64_t skill = 0;  // the id of the skill that it may start: given on arrival, so that a Stop behind it stops it too
@@ -32,7 +34,8 @@ struct Arrived {
 // The requests that have arrived at a ROUTER and wait for their turn, a bounded number. What cannot be one is counted and logged.
 class Inbox {
  public:
-  explicit Inbox(zmq::socket_t& socket) : socket_(socket) {}
+  // `keys`: those of the socket, or null.
+  Inbox(zmq::socket_t& socket, const Keys* keys) : socket_(socket), keys_(keys) {}
 
   // The next one from the socket; none: there is no other now.
   std::optional<Arrived> receive();
@@ -50,6 +53,7 @@ class Inbox {
   using Clock = std::chrono::steady_clock;
 
   zmq::socket_t& socket_;
+  const Keys* keys_;
   std::deque<Arrived> waiting_;
   std::size_t waiting_bytes_ = 0;
   std::atomic<std::uint64_t> garbage_{0};

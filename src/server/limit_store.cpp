@@ -24,53 +24,85 @@ double greatest_power(const models::Limits& arm) {
   return power;
 }
 
+std::vector<const google::protobuf::FieldDescriptor*> fields_of(const proto::Limits& limits) {
+  std::vector<const google::protobuf::FieldDescriptor*> fields;
+  limits.GetReflection()->ListFields(limits, &fields);
+  return fields;
+}
+
+proto::Limits at_most(proto::Limits limits, const proto::Limits& most) {
+  const auto& reflection = *limits.GetReflection();
+  for (const auto* field : fields_of(limits)) {
+    reflection.SetDouble(&limits, field, std::min(reflection.GetDouble(limits, field), reflection.GetDouble(most, field)));
+  }
+  return limits;
+}
+
+// Throws Refused where one is more than `most`, which is what `whose` says.
+void check(const proto::Limits& limits, const proto::Limits& most, const char* whose) {
+  const auto& reflection = *limits.GetReflection();
+  for (const auto* field : fields_of(limits)) {
+    const double given = reflection.GetDouble(limits, field), allowed = reflection.GetDouble(most, field);
+    const auto& rule = field->options().GetExtension(proto::rule);
+    if (given <= allowed) continue;
+    throw Refused(proto::Error::INVALID_ARGUMENT,
+                  fmt::format("Limits.{} is {:g} {}: expected {:g} to {:g}, {}", field->name(), given, rule.unit(), rule.min(), allowed,
+                              whose));
+  }
+}
+
 }  // namespace
 
 LimitStore::LimitStore(const LimitsConfig& lab, int fd) : lab_(lab), fd_(fd) {
-  if (!load(fd_, reduced_)) spdlog::error("the limits that a client has set could not be read again and are gone: set them anew");
+  if (!load(fd_, given_)) spdlog::error("the limits that a client has set could not be read again and are gone: set them anew");
 }
 
 void LimitStore::connect(const models::Limits& arm) {
   arm_ = arm;
-  most_.set_velocity(lab_.velocity);
-  most_.set_acceleration(lab_.acceleration);
-  most_.set_jerk(lab_.jerk);
+  allowed_.set_velocity(lab_.velocity);
+  allowed_.set_acceleration(lab_.acceleration);
+  allowed_.set_jerk(lab_.jerk);
+  allowed_.set_torque(1);
+  allowed_.set_tool_speed(arm.translation.velocity);
+  allowed_.set_power(greatest_power(arm));
+  set_most();
+}
+
+// Of the configuration, or in its place of role lab.
+void LimitStore::set_most() {
+  most_ = allowed_;
   most_.set_torque(lab_.torque);
-  most_.set_tool_speed(std::min(lab_.tool_speed.value_or(arm.translation.velocity), arm.translation.velocity));
-  most_.set_power(std::min(lab_.power.value_or(greatest_power(arm)), greatest_power(arm)));
+  if (lab_.tool_speed) most_.set_tool_speed(*lab_.tool_speed);
+  if (lab_.power) most_.set_power(*lab_.power);
+  most_.MergeFrom(given_.most());
+  most_ = at_most(most_, allowed_);  // the arm may be another one than that for which they were given
 }
 
 void LimitStore::change(const proto::ChangeLimits& change) {
-  proto::Limits reduced = change.reset() ? proto::Limits() : reduced_;
-  reduced.MergeFrom(change.limits());
-  const auto& reflection = *reduced.GetReflection();
-  std::vector<const google::protobuf::FieldDescriptor*> fields;
-  reflection.ListFields(reduced, &fields);
-  for (const auto* field : fields) {
-    const double given = reflection.GetDouble(reduced, field), most = reflection.GetDouble(most_, field);
-    const auto& rule = field->options().GetExtension(proto::rule);
-    if (given <= most) continue;
-    throw Refused(proto::Error::INVALID_ARGUMENT,
-                  fmt::format("Limits.{} is {:g} {}: expected {:g} to {:g}, the most that the robot and the server's "
-                              "configuration ([arm.limits]) allow",
-                              field->name(), given, rule.unit(), rule.min(), most));
+  check(change.most(), allowed_, "the most that the robot allows, or of velocity, acceleration and jerk the configuration");
+  proto::ChangeLimits given = given_;
+  if (change.reset()) given.clear_limits();
+  given.mutable_most()->MergeFrom(change.most());
+  given.mutable_limits()->MergeFrom(change.limits());
+  const auto before = std::exchange(given_, given);
+  set_most();
+  try {
+    check(change.limits(), most_, "the most that the robot and the server's configuration ([arm.limits]) or its lab allow");
+    given_.clear_reset();
+    save(fd_, given_);
+  } catch (...) {
+    given_ = before;
+    set_most();
+    throw;
   }
-  reduced_ = std::move(reduced);
-  save(fd_, reduced_);
 }
 
 proto::LimitsInForce LimitStore::list() const {
   proto::LimitsInForce out;
   *out.mutable_most() = most_;
-  *out.mutable_now() = most_;
-  // The arm may be another one than that for which they were given.
-  const auto& reflection = *reduced_.GetReflection();
-  std::vector<const google::protobuf::FieldDescriptor*> fields;
-  reflection.ListFields(reduced_, &fields);
-  for (const auto* field : fields) {
-    const double given = reflection.GetDouble(reduced_, field), most = reflection.GetDouble(most_, field);
-    reflection.SetDouble(out.mutable_now(), field, std::min(given, most));
-  }
+  proto::Limits now = most_;
+  now.MergeFrom(given_.limits());
+  *out.mutable_now() = at_most(now, most_);
   return out;
 }
 

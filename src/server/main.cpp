@@ -9,13 +9,14 @@
 #include "allocations/allocations.hpp"
 #include "server/arm_process.hpp"
 #include "server/config.hpp"
+#include "server/keys.hpp"
 #include "server/log.hpp"
 #include "server/plugins.hpp"
 #include "server/supervisor.hpp"
 
 int main(int argc, char** argv) {
   CLI::App app("Serves Franka arms to frankapy. Give the arm's address, or a file that names the arms.");
-  std::string config_file, robot, listen;
+  std::string config_file, robot, listen, keys;
   int port = -1;
   std::vector<std::string> load;
   bool gripper = true;
@@ -29,6 +30,7 @@ int main(int argc, char** argv) {
   std::string record, recordings;
   app.add_option("--record", record, "what is recorded: off, errors (default: ten seconds before each), skills, always");
   app.add_option("--recordings", recordings, "folder of the recordings")->type_name("FOLDER");
+  app.add_option("--keys", keys, "folder of keys (`frankapy keys new`): only clients whose key is there connect")->type_name("FOLDER");
   app.add_option("--load", load, "library of parts of your own, for all arms; once for each");
 
   server::ArmOptions arm;
@@ -41,6 +43,7 @@ int main(int argc, char** argv) {
   arm_command->add_option("--state-port", arm.state_port);
   arm_command->add_option("--sensor-port", arm.sensor_port);
   arm_command->add_option("--load", load);
+  arm_command->add_option("--keys", arm.keys);
   arm_command->add_option("--record", record);
   arm_command->add_option("--recordings", recordings);
   arm_command->add_flag("--supervised", supervised);
@@ -70,15 +73,19 @@ int main(int argc, char** argv) {
     if (!listen.empty()) config.listen = listen;
     if (port >= 0) config.port = static_cast<std::uint16_t>(port);
     choose_recordings(config);
+    if (!keys.empty()) config.keys = std::filesystem::absolute(keys);
     // Here relative to the working folder, in the file to the file's.
     for (auto& path : load) path = std::filesystem::absolute(path);
     const auto folder = std::filesystem::absolute(std::filesystem::path(config_file).parent_path() / ".");
     for (const auto& path : config.load) load.push_back((folder / path).lexically_normal());
+    if (!config.keys.empty()) config.keys = (folder / config.keys).lexically_normal();
+    const auto known = server::keys_for(config.listen, config.keys);
     server::try_parts(load);
     std::vector<std::string> arguments = {"--recordings", config.recordings.folder};
     if (!record.empty()) arguments.insert(arguments.end(), {"--record", record});
     for (const auto& path : load) arguments.insert(arguments.end(), {"--load", path});
-    return server::run_supervisor(config, toml, arguments);
+    if (known) arguments.insert(arguments.end(), {"--keys", known->folder()});
+    return server::run_supervisor(config, toml, arguments, known.get());
   } catch (const std::exception& error) {
     spdlog::critical("{}", error.what());
     return EXIT_FAILURE;

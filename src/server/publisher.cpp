@@ -32,7 +32,7 @@ constexpr std::int64_t kLateCycle = 1'500'000;  // ns after the one before
 
 }  // namespace
 
-Publisher::Publisher(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+Publisher::Publisher(zmq::context_t& context, const Listen& listen, std::uint16_t port, realtime::Door& door,
                      Gripper* gripper)
     : ring_(door.records), records_(ring_), gripper_(gripper), socket_(context, zmq::socket_type::xpub) {
   socket_.set(zmq::sockopt::linger, 0);

@@ -32,7 +32,7 @@ class Gripper;
 class Publisher {
  public:
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
-  Publisher(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+  Publisher(zmq::context_t& context, const Listen& listen, std::uint16_t port, realtime::Door& door,
             Gripper* gripper);
   ~Publisher();
 

@@ -8,7 +8,9 @@
 #include <utility>
 
 #include "server/clocks.hpp"
+#include "server/refused.hpp"
 #include "server/registry.hpp"
+#include "server/roles.hpp"
 #include "server/sensor_samples.hpp"
 #include "wire/proto/validation.hpp"
 
@@ -30,8 +32,8 @@ constexpr std::int64_t kLate = 20'000'000, kStale = 500'000'000;  // ns: Topics.
 
 }  // namespace
 
-SensorHub::SensorHub(zmq::context_t& context, const std::string& listen, std::uint16_t port, Journal& journal)
-    : journal_(journal), socket_(context, zmq::socket_type::pull) {
+SensorHub::SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal)
+    : journal_(journal), keys_(listen.keys), socket_(context, zmq::socket_type::pull) {
   socket_.set(zmq::sockopt::linger, 0);
   socket_.set(zmq::sockopt::rcvhwm, kReceiveQueue);
   socket_.set(zmq::sockopt::maxmsgsize, kMaxSensorMessage);
@@ -45,13 +47,36 @@ SensorHub::~SensorHub() {
   thread_.join();
 }
 
-void SensorHub::bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs,
-                     const std::map<std::string, double>& timeouts, bool queued) {
+void SensorHub::check(const Publishers& publishers, const Inputs& inputs) const {
+  for (const auto& each : publishers) {
+    const auto listens = [&](const auto& input) { return input->topic() == each.topic(); };
+    if (std::none_of(inputs.begin(), inputs.end(), listens)) {
+      throw Refused(proto::Error::INVALID_ARGUMENT,
+                    fmt::format("Skill.publishers has the topic \"{}\": expected one that a part of the skill listens to",
+                                each.topic()));
+    }
+    for (const std::string& name : each.names()) {
+      if (keys_ != nullptr && keys_->knows_name(name)) continue;
+      throw Refused(proto::Error::INVALID_ARGUMENT,
+                    fmt::format("Skill.publishers has \"{}\" of the topic \"{}\": expected names of keys, and {}", name, each.topic(),
+                                keys_ == nullptr ? "this server has none" : "there is none of that name (`frankapy keys list`)"));
+    }
+  }
+}
+
+void SensorHub::bind(std::uint64_t skill, Inputs inputs, const std::map<std::string, double>& timeouts, bool queued,
+                     const Publishers& publishers) {
   const std::lock_guard lock(mutex_);
   for (auto& input : inputs) {
     const auto timeout = timeouts.find(input->topic());
     const double longest = timeout == timeouts.end() ? 0 : timeout->second;
-    listeners_.push_back({skill, std::move(input), std::llround(1e9 * longest), queued});
+    Listener listener{skill, std::move(input), std::llround(1e9 * longest), queued, {}};
+    for (const auto& each : publishers) {
+      if (each.topic() != listener.input->topic()) continue;
+      if (!listener.publishers) listener.publishers.emplace();
+      listener.publishers->insert(each.names().begin(), each.names().end());
+    }
+    listeners_.push_back(std::move(listener));
   }
 }
 
@@ -105,7 +130,13 @@ void SensorHub::take(const zmq::message_t& frame) {
   if (message.topic().empty() || message.topic().size() > kMaxTopicName) {
     return count_garbage(fmt::format("a topic of {} bytes (expected 1 to {})", message.topic().size(), kMaxTopicName));
   }
+  const Keys::Client who = sender_of(frame, keys_);
   const std::lock_guard lock(mutex_);
+  if (who.role < proto::USER) {
+    const std::string why = explain_role(who, "to publish sensor messages", proto::USER);
+    const auto known = topics_.find(message.topic());
+    return known == topics_.end() ? count_garbage("a sensor message: " + why) : refuse(known->second, why);
+  }
   if (topics_.size() >= kMaxTopics && !topics_.contains(message.topic())) {
     return count_garbage(fmt::format("a topic beyond the {} that are known", kMaxTopics));
   }
@@ -120,7 +151,7 @@ void SensorHub::take(const zmq::message_t& frame) {
   topic.arrived_ns = now;
 
   if (topic.publishers.size() >= kMaxPublishers) topic.publishers.clear();
-  auto [publisher, is_new] = topic.publishers.try_emplace(message.publisher());
+  auto [publisher, is_new] = topic.publishers.try_emplace({who.key, message.publisher()});
   Publisher& from = publisher->second;
   const bool behind = message.has_sequence() && message.sequence() <= from.sequence;
   ClockEstimate::Way way;
@@ -140,7 +171,7 @@ void SensorHub::take(const zmq::message_t& frame) {
     return refuse(topic, fmt::format("its time stamp is {:.3f} s in the future of those before",
                                      1e-9 * static_cast<double>(way.in_future)));
   }
-  deliver(topic, message, ends ? 0 : way.longer);
+  deliver(topic, message, ends ? 0 : way.longer, who);
 }
 
 // Whether another publisher's newer message of this kind came before. What is not late is not asked: clocks are known no better.
@@ -167,16 +198,20 @@ void SensorHub::note(const proto::SensorMessage& message, Publisher& from, std::
 }
 
 // `longer`: than the quickest of its publisher it took, ns.
-void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::int64_t longer) {
+void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::int64_t longer, const Keys::Client& from) {
   const std::string kind = kind_of(message.message());
   std::vector<realtime::SensorSample> samples;
   bool heard = false, taken = false, dropped = false;
-  std::string expected;
+  std::string expected, publishers;
   try {
     for (const Listener& listener : listeners_) {
       realtime::SensorInput& input = *listener.input;
       if (input.topic() != message.topic() || waits(listener)) continue;
       heard = true;
+      if (listener.publishers && !listener.publishers->contains(from.name)) {
+        publishers = fmt::format("{}", fmt::join(*listener.publishers, ", "));
+        continue;
+      }
       const auto& messages = input.messages();
       const auto found = std::find(messages.begin(), messages.end(), kind);
       if (found == messages.end() && !messages.empty()) {
@@ -205,7 +240,10 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
   } catch (const wire::Invalid& invalid) {
     return refuse(topic, invalid.what());
   }
-  if (heard && !taken) refuse(topic, fmt::format("it is {}: expected {}", kind, expected));
+  if (heard && !taken) {
+    refuse(topic, expected.empty() ? fmt::format("it is of the key \"{}\": the skill that listens takes {}", from.name, publishers)
+                                   : fmt::format("it is {}: expected {}", kind, expected));
+  }
   count_late(topic, message, longer, dropped);
 }
 

@@ -6,8 +6,10 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 #include <zmq.hpp>
 
@@ -22,21 +24,26 @@ namespace server {
 
 // Takes SensorMessages from any number of publishers and puts them into the parts of skills that listen to their topics. What
 // cannot be read, is of another kind, carries numbers that are not finite or against the message's rules or the part's own check,
-// or comes behind a newer one or too late for it, is counted with its topic and dropped; but not what ends a skill, which does so
-// at any time.
+// comes behind a newer one or too late for it, or is of somebody whom the skill or its role does not let, is counted with its topic
+// and dropped; but not what ends a skill, which does so at any time.
 class SensorHub {
  public:
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken.
-  SensorHub(zmq::context_t& context, const std::string& listen, std::uint16_t port, Journal& journal);
+  SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal);
   ~SensorHub();
 
   const std::string& endpoint() const { return endpoint_; }
 
-  // From now on, until release(), messages get into these inputs of a skill; into those of one that is queued only while no
-  // skill before it listens to their topic. `timeouts`: of topics, s; what took longer than that on its way, beside the quickest
-  // of its publisher, tells them nothing any more.
-  void bind(std::uint64_t skill, std::vector<std::shared_ptr<realtime::SensorInput>> inputs,
-            const std::map<std::string, double>& timeouts, bool queued);
+  using Publishers = google::protobuf::RepeatedPtrField<frankapy::proto::Publishers>;
+  using Inputs = std::vector<std::shared_ptr<realtime::SensorInput>>;
+
+  // Throws Refused for publishers that there are not, or of a topic that none of these inputs has.
+  void check(const Publishers& publishers, const Inputs& inputs) const;
+  // From now on, until release(), messages of these publishers get into these inputs of a skill; into those of one that is queued
+  // only while no skill before it listens to their topic. `timeouts`: of topics, s; what took longer than that on its way, beside
+  // the quickest of its publisher, tells them nothing any more.
+  void bind(std::uint64_t skill, Inputs inputs, const std::map<std::string, double>& timeouts, bool queued,
+            const Publishers& publishers = {});
   void release(std::uint64_t skill);
 
   // What came over each topic so far.
@@ -51,6 +58,7 @@ class SensorHub {
     std::shared_ptr<realtime::SensorInput> input;
     std::int64_t longest_ns;  // that a message may take; 0: any time
     bool queued;
+    std::optional<std::set<std::string>> publishers;  // names of keys; none: all
   };
   struct Publisher {
     std::uint64_t sequence = 0;
@@ -59,7 +67,7 @@ class SensorHub {
   struct Topic {
     frankapy::proto::Topics::Topic told;
     std::int64_t arrived_ns = 0;  // CLOCK_MONOTONIC, of the newest
-    std::map<std::uint64_t, Publisher> publishers;
+    std::map<std::pair<std::string, std::uint64_t>, Publisher> publishers;  // by key, and number of their own
     std::map<std::string, std::int64_t> newest_ns;  // of each kind: when the newest was sent, by our clock
     bool stale = false;  // the newest was
   };
@@ -68,13 +76,15 @@ class SensorHub {
   void take(const zmq::message_t& frame);
   void note(const frankapy::proto::SensorMessage& message, Publisher& from, std::int64_t now);
   bool overtaken(Topic& topic, const std::string& kind, std::int64_t sent, std::int64_t longer) const;
-  void deliver(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t longer);
+  void deliver(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t longer,
+               const Keys::Client& from);
   void count_late(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t longer, bool dropped);
   bool waits(const Listener& listener) const;
   void refuse(Topic& topic, const std::string& why);
   void count_garbage(const std::string& what);
 
   Journal& journal_;  // gets every message that can be read, also those that are then dropped
+  const Keys* keys_;   // null: there are none
   zmq::socket_t socket_;
   std::string endpoint_;
   std::optional<ConnectionLimit> connections_;

@@ -142,8 +142,11 @@ void Skills::begin(Build& build) {
   const Address& from = build.from;
   const proto::StartSkill& start = build.request.start_skill();
   const Before before = this->before(from, start);
-  clients_.take_lease(from);
   auto skill = std::move(build.skill);
+  auto inputs = sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations);
+  const auto publishers = build.message.publishers();
+  sensors_.check(publishers, inputs);
+  clients_.take_lease(from);
   const std::uint64_t id = skill->id = build.skill_id;
   if (before.queued) skill->after = start.after();
   skill->blend = start.blend();
@@ -158,7 +161,7 @@ void Skills::begin(Build& build) {
   std::map<std::string, double> timeouts;
   put_timeout(running_.at(id).message.trajectory(), timeouts);
   put_timeout(running_.at(id).message.controller(), timeouts);
-  sensors_.bind(id, sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations), timeouts, before.queued);
+  sensors_.bind(id, std::move(inputs), timeouts, before.queued, publishers);
   std::unique_ptr<realtime::Skill> unread;
   if (before.queued) {
     queue_.push_back(std::move(skill));
@@ -239,7 +242,7 @@ void Skills::begin_change(Build& build) {
   std::map<std::string, double> timeouts;
   put_timeout(change.trajectory(), timeouts);
   put_timeout(change.controller(), timeouts);
-  sensors_.bind(change.skill_id(), changing_->inputs, timeouts, false);
+  sensors_.bind(change.skill_id(), changing_->inputs, timeouts, false, changing_->message.publishers());
   door_.change.put(std::move(parts));
 }
 

@@ -22,12 +22,13 @@ constexpr std::size_t kSockets = 4;       // more than a program of ours binds
 
 }  // namespace
 
-std::string bind(zmq::socket_t& socket, const std::string& listen, std::uint16_t port) {
+std::string bind(zmq::socket_t& socket, const Listen& listen, std::uint16_t port) {
+  if (listen.keys != nullptr) guard(socket, *listen.keys);
   try {
-    socket.bind("tcp://" + listen + ":" + (port == 0 ? "*" : std::to_string(port)));
+    socket.bind("tcp://" + listen.address + ":" + (port == 0 ? "*" : std::to_string(port)));
   } catch (const zmq::error_t& error) {
     if (port == 0 || error.num() != EADDRINUSE) throw;
-    socket.bind("tcp://" + listen + ":*");
+    socket.bind("tcp://" + listen.address + ":*");
   }
   return socket.get(zmq::sockopt::last_endpoint);
 }

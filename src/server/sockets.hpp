@@ -4,12 +4,24 @@
 #include <cstdint>
 #include <set>
 #include <string>
+#include <utility>
 #include <zmq.hpp>
+
+#include "server/keys.hpp"
 
 namespace server {
 
+// Where a server listens, and whom it lets in.
+struct Listen {
+  Listen(const char* address) : address(address) {}
+  Listen(std::string address, const Keys* keys = nullptr) : address(std::move(address)), keys(keys) {}
+
+  std::string address;
+  const Keys* keys = nullptr;  // null: everybody who reaches it; else there is a Doorkeeper in the context
+};
+
 // Binds to tcp://listen:port, or to a free port where `port` is 0 or taken; returns the endpoint.
-std::string bind(zmq::socket_t& socket, const std::string& listen, std::uint16_t port);
+std::string bind(zmq::socket_t& socket, const Listen& listen, std::uint16_t port);
 
 // Port of "tcp://address:port"; 0 when there is none.
 std::uint16_t port_of(const std::string& endpoint);

@@ -23,6 +23,7 @@
 #include "frankapy/proto/service.pb.h"
 #include "server/arm_process.hpp"
 #include "server/black_box.hpp"
+#include "server/doorkeeper.hpp"
 #include "server/part_record.hpp"
 #include "server/recorder.hpp"
 #include "server/shared_memory.hpp"
@@ -238,8 +239,14 @@ class Child {
 
 class Supervisor {
  public:
-  Supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments, const SupervisorTimes& times)
-      : times_(times), listen_(config.listen), socket_(context_, zmq::socket_type::router) {
+  Supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments, Keys* keys,
+             const SupervisorTimes& times)
+      : times_(times), socket_(context_, zmq::socket_type::router) {
+    if (keys != nullptr) {
+      doorkeeper_.emplace(context_, *keys);
+      guard(socket_, *keys);
+      spdlog::info("clients need keys: those of {}", keys->folder().string());
+    }
     socket_.set(zmq::sockopt::linger, 0);
     socket_.set(zmq::sockopt::maxmsgsize, kMaxRequest);
     try {
@@ -264,10 +271,6 @@ class Supervisor {
     const int signal_fd = signalfd(-1, &signals, SFD_CLOEXEC);
     std::printf("listening on %s\n", socket_.get(zmq::sockopt::last_endpoint).c_str());
     std::fflush(stdout);
-
-    if (!listen_.starts_with("127.")) {
-      spdlog::warn("whoever reaches {} over the network can move the arms: see that only those do who may", listen_);
-    }
 
     const auto left = std::async(std::launch::async, write_left_black_boxes);
     bool stopping = false;
@@ -322,6 +325,7 @@ class Supervisor {
       if (request.has_list_arms()) {
         for (const auto& child : children_) *reply.mutable_arms()->add_arms() = child->info();
         reply.mutable_arms()->set_version(proto::CURRENT);
+        if (doorkeeper_) reply.mutable_arms()->set_refused_keys(doorkeeper_->refused());
       } else {
         reply.mutable_error()->set_code(proto::Error::INVALID_ARGUMENT);
         reply.mutable_error()->set_message("this is the supervisor, which answers ListArms: everything else is for the "
@@ -337,8 +341,8 @@ class Supervisor {
   }
 
   const SupervisorTimes times_;
-  const std::string listen_;
   zmq::context_t context_;
+  std::optional<Doorkeeper> doorkeeper_;
   zmq::socket_t socket_;
   std::optional<ConnectionLimit> connections_;
   std::vector<std::unique_ptr<Child>> children_;
@@ -346,9 +350,9 @@ class Supervisor {
 
 }  // namespace
 
-int run_supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments,
+int run_supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments, Keys* keys,
                    const SupervisorTimes& times) {
-  return Supervisor(config, toml, arguments, times).run();
+  return Supervisor(config, toml, arguments, keys, times).run();
 }
 
 }  // namespace server

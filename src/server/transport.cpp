@@ -13,6 +13,7 @@
 #include "server/realtime_setup.hpp"
 #include "server/recorder.hpp"
 #include "server/refused.hpp"
+#include "server/roles.hpp"
 #include "server/sensor_hub.hpp"
 #include "server/sockets.hpp"
 #include "wire/proto/validation.hpp"
@@ -20,7 +21,8 @@
 namespace server {
 namespace {
 
-constexpr std::int64_t kMaxMessage = 8 << 20;  // bytes, more than two minutes of samples; a longer one ends its connection
+constexpr std::int64_t kCurve = 64;                      // bytes, more than encryption adds to a message
+constexpr std::int64_t kMaxMessage = (8 << 20) + kCurve;  // more than two minutes of samples; a longer one ends its connection
 constexpr int kMessagesPerRound = 32;
 constexpr int kMessagesAhead = 64;                         // taken from a client's connection before they are looked at
 constexpr auto kHandlingTime = std::chrono::microseconds(200);  // then it is looked again for what is urgent
@@ -55,7 +57,7 @@ std::string explain(const realtime::RecoveryResult& result) {
                      fci::name(result.status));
 }
 
-std::string set_up(zmq::socket_t& socket, const std::string& listen, std::uint16_t port) {
+std::string set_up(zmq::socket_t& socket, const Listen& listen, std::uint16_t port) {
   socket.set(zmq::sockopt::linger, 200);
   socket.set(zmq::sockopt::maxmsgsize, kMaxMessage);
   socket.set(zmq::sockopt::rcvhwm, kMessagesAhead);
@@ -66,13 +68,13 @@ std::string set_up(zmq::socket_t& socket, const std::string& listen, std::uint16
 
 }  // namespace
 
-Transport::Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+Transport::Transport(zmq::context_t& context, const Listen& listen, std::uint16_t port, realtime::Door& door,
                      Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
                      WallStore walls, LimitStore limits)
     : Transport(context, listen, port, door, publisher, sensors, recorder, gripper, std::move(walls), Options(),
                 std::move(limits)) {}
 
-Transport::Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+Transport::Transport(zmq::context_t& context, const Listen& listen, std::uint16_t port, realtime::Door& door,
                      Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
                      WallStore walls, Options options, LimitStore limits)
     : door_(door),
@@ -85,7 +87,7 @@ Transport::Transport(zmq::context_t& context, const std::string& listen, std::ui
       connections_(context, socket_),
       clock_(std::move(options.clock)),
       answers_(socket_),
-      inbox_(socket_),
+      inbox_(socket_, listen.keys),
       clients_(options.lease_time),
       arm_(door, std::move(walls), std::move(limits), gripper != nullptr),
       skills_(door, publisher, sensors, recorder, arm_, clients_, answers_, jobs_),
@@ -122,7 +124,7 @@ void Transport::receive() {
   for (int i = 0; i < kMessagesPerRound; ++i) {
     auto arrived = inbox_.receive();
     if (!arrived) return;
-    clients_.hear(arrived->client);
+    if (arrived->who.role != proto::NOBODY) clients_.hear(arrived->client, arrived->who.key);  // a removed key's lease falls free
     take(*arrived);
   }
 }
@@ -134,7 +136,7 @@ void Transport::take(Arrived& arrived) {
   if (head.call == proto::Request::kStartSkill || head.call == proto::Request::CALL_NOT_SET) arrived.skill = skills_.next_id();
   if (inbox_.put(arrived)) return;
   if (!head.request_id) return inbox_.count_garbage("what came faster than it could be read");
-  answers_.send_error({arrived.client, *head.request_id}, proto::Error::BUSY,
+  answers_.send_error({arrived.client, *head.request_id, arrived.who}, proto::Error::BUSY,
                       fmt::format("{} requests wait already: send fewer at a time", inbox_.waiting()));
 }
 
@@ -154,7 +156,7 @@ void Transport::handle(const Arrived& arrived) {
   const zmq::message_t& frame = arrived.frame;
   proto::Request request;
   const bool readable = request.ParsePartialFromArray(frame.data(), static_cast<int>(frame.size()));
-  const Address from{arrived.client, request.request_id()};
+  const Address from{arrived.client, request.request_id(), arrived.who};
   if (!request.has_request_id()) {
     inbox_.count_garbage(fmt::format("{} bytes that are no Request with a request_id", frame.size()));
     return;
@@ -168,7 +170,7 @@ void Transport::handle(const Arrived& arrived) {
     return;
   }
   try {
-    if (request.call_case() == proto::Request::kHello) return hello(from, request.hello());
+    if (request.call_case() == proto::Request::kHello) return hello(from, request);
     take_time(clients_.known(from), request);
     wire::validate(request);
     answer(from, request, arrived.skill);
@@ -186,7 +188,7 @@ void Transport::read_on_workbench(Arrived arrived) {
   if (!arrived.head.request_id) {
     return inbox_.count_garbage(fmt::format("{} bytes that are no Request with a request_id", arrived.frame.size()));
   }
-  const Address from{arrived.client, *arrived.head.request_id};
+  const Address from{arrived.client, *arrived.head.request_id, arrived.who};
   try {
     clients_.known(from);
     const auto read = std::make_shared<Read>();
@@ -212,6 +214,7 @@ void Transport::read_on_workbench(Arrived arrived) {
 }
 
 void Transport::answer(const Address& from, proto::Request& request, std::uint64_t skill) {
+  require_role(from.who, request);
   switch (request.call_case()) {
     case proto::Request::kGetState: return get_state(from);
     case proto::Request::kStartSkill: return skills_.start(from, request, skill);
@@ -236,7 +239,9 @@ void Transport::answer(const Address& from, proto::Request& request, std::uint64
   throw Refused(proto::Error::INVALID_ARGUMENT, "Request.call is missing: expected one of service.proto's calls");
 }
 
-void Transport::hello(const Address& from, const proto::Hello& hello) {
+void Transport::hello(const Address& from, const proto::Request& request) {
+  const proto::Hello& hello = request.hello();
+  require_role(from.who, request);
   if (!hello.has_version() || hello.version() != proto::CURRENT) {
     throw Refused(proto::Error::INCOMPATIBLE_VERSION,
                   fmt::format("the client speaks interface version {}, this server {}: install the same version of "
@@ -251,6 +256,8 @@ void Transport::hello(const Address& from, const proto::Hello& hello) {
   auto& welcome = *reply.mutable_welcome();
   welcome = connection.welcome;
   welcome.set_version(proto::CURRENT);
+  welcome.set_role(from.who.role);
+  welcome.set_key(from.who.name);
   welcome.set_gripper(gripper_ != nullptr && gripper_->connected());
   welcome.set_state_endpoint(publisher_.endpoint());
   welcome.set_sensor_endpoint(sensors_.endpoint());
@@ -286,10 +293,11 @@ void Transport::record(const Address& from, const proto::Record& record) {
 }
 
 void Transport::change_walls(const Address& from, const proto::ChangeWalls& change) {
+  const bool lab = from.who.role == proto::LAB;  // protects the arm from whoever commands it
   if (change.remove_size() + change.put_size() > 0) {
-    clients_.require_lease(from);
-    arm_.change(change);
-    clients_.take_lease(from);
+    if (!lab) clients_.require_lease(from);
+    arm_.change(change, from.who);
+    if (!lab) clients_.take_lease(from);
   }
   proto::Reply reply;
   *reply.mutable_walls() = arm_.walls();
@@ -298,10 +306,11 @@ void Transport::change_walls(const Address& from, const proto::ChangeWalls& chan
 
 void Transport::change_limits(const Address& from, const proto::ChangeLimits& change) {
   arm_.require();  // to an arm, of which they are
-  if (change.reset() || change.has_limits()) {
-    clients_.require_lease(from);
+  const bool lab = from.who.role == proto::LAB;
+  if (change.reset() || change.has_limits() || change.has_most()) {
+    if (!lab) clients_.require_lease(from);
     arm_.change(change);
-    clients_.take_lease(from);
+    if (!lab) clients_.take_lease(from);
   }
   proto::Reply reply;
   *reply.mutable_limits() = arm_.limits();

@@ -48,10 +48,10 @@ class Transport {
   };
 
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
-  Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+  Transport(zmq::context_t& context, const Listen& listen, std::uint16_t port, realtime::Door& door,
             Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
             WallStore walls, Options options, LimitStore limits = LimitStore());
-  Transport(zmq::context_t& context, const std::string& listen, std::uint16_t port, realtime::Door& door,
+  Transport(zmq::context_t& context, const Listen& listen, std::uint16_t port, realtime::Door& door,
             Publisher& publisher, SensorHub& sensors, Recorder& recorder, Gripper* gripper,
             WallStore walls = WallStore({}), LimitStore limits = LimitStore());
 
@@ -84,7 +84,7 @@ class Transport {
   void handle(const Arrived& arrived);
   void read_on_workbench(Arrived arrived);
   void answer(const Address& from, frankapy::proto::Request& request, std::uint64_t skill);
-  void hello(const Address& from, const frankapy::proto::Hello& hello);
+  void hello(const Address& from, const frankapy::proto::Request& request);
   void get_state(const Address& from);
   void list_topics(const Address& from);
   void get_server_status(const Address& from);

@@ -10,6 +10,7 @@
 #include "realtime/walls/mesh.hpp"
 #include "server/kept.hpp"
 #include "server/refused.hpp"
+#include "server/roles.hpp"
 #include "wire/proto/validation.hpp"
 
 namespace server {
@@ -105,24 +106,32 @@ WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd, std::string 
   for (proto::Wall wall : fixed) {
     wall.set_fixed(true);
     put(wall, entries_, ++last_id_);
+    entries_[wall.name()].configured = true;
+    configured_.insert(wall.name());
   }
-  proto::Walls walls;
-  if (!load(file_, walls)) spdlog::error("{}: the walls in it cannot be read: add them anew", file_);
-  take_again(walls);
-  if (!load(fd_, walls)) spdlog::error("the walls of clients could not be read again and are gone: add them anew");
-  take_again(walls);
+  proto::Walls kept;
+  if (!load(file_, kept)) spdlog::error("{}: the walls in it cannot be read: add them anew", file_);
+  for (const proto::Wall& wall : kept.walls()) {
+    if (configured_.contains(wall.name())) {
+      spdlog::warn("a wall that was kept is left out: the configuration has a wall \"{}\"", wall.name());
+    } else {
+      take_again(wall);
+    }
+  }
+  proto::ChangeWalls changes;
+  if (!load(fd_, changes)) spdlog::error("the walls of clients could not be read again and are gone: add them anew");
+  for (const std::string& name : changes.remove()) entries_.erase(name);
+  for (const proto::Wall& wall : changes.put()) take_again(wall);
 }
 
 // One that the configuration has no place for any more stays out.
-void WallStore::take_again(const proto::Walls& walls) {
-  for (const proto::Wall& wall : walls.walls()) {
-    proto::ChangeWalls change;
-    *change.add_put() = wall;
-    try {
-      apply(change);
-    } catch (const Refused& refused) {
-      spdlog::warn("a wall that was kept is left out: {}", refused.what());
-    }
+void WallStore::take_again(const proto::Wall& wall) {
+  proto::ChangeWalls change;
+  *change.add_put() = wall;
+  try {
+    apply(change, {"", "", proto::LAB});
+  } catch (const Refused& refused) {
+    spdlog::warn("a wall that was kept is left out: {}", refused.what());
   }
 }
 
@@ -147,34 +156,48 @@ void WallStore::put(proto::Wall wall, std::map<std::string, Entry>& into, std::u
   into[wall.name()] = {id, wall};
 }
 
-void WallStore::change(const proto::ChangeWalls& change) {
+void WallStore::change(const proto::ChangeWalls& change, const Keys::Client& who) {
   const auto entries = entries_;
-  const std::string kept = of_clients(true).SerializeAsString();
-  apply(change);
+  const std::string kept = to_keep().SerializeAsString();
+  apply(change, who);
   try {
-    if (const proto::Walls keep = of_clients(true); keep.SerializeAsString() != kept) save(file_, keep);
-    save(fd_, of_clients(false));
+    if (const proto::Walls keep = to_keep(); keep.SerializeAsString() != kept) save(file_, keep);
+    save(fd_, changes());
   } catch (...) {
     entries_ = entries;
     throw;
   }
 }
 
-proto::Walls WallStore::of_clients(bool only_kept) const {
+proto::Walls WallStore::to_keep() const {
   proto::Walls walls;
   for (const auto& [name, entry] : entries_) {
-    if (!entry.wall.fixed() && (entry.wall.keep() || !only_kept)) *walls.add_walls() = entry.wall;
+    if (!entry.configured && entry.wall.keep()) *walls.add_walls() = entry.wall;
   }
   return walls;
 }
 
-void WallStore::apply(const proto::ChangeWalls& change) {
+// What makes of the configuration what there is.
+proto::ChangeWalls WallStore::changes() const {
+  proto::ChangeWalls changes;
+  for (const auto& [name, entry] : entries_) {
+    if (!entry.configured) *changes.add_put() = entry.wall;
+  }
+  for (const std::string& name : configured_) {
+    if (const auto found = entries_.find(name); found == entries_.end() || !found->second.configured) changes.add_remove(name);
+  }
+  return changes;
+}
+
+void WallStore::apply(const proto::ChangeWalls& change, const Keys::Client& who) {
   auto entries = entries_;
   auto id = last_id_;
+  const bool lab = who.role == proto::LAB;
   const auto keep_fixed = [&](const std::string& name) {
     const auto found = entries.find(name);
-    if (found != entries.end() && found->second.wall.fixed()) {
-      refuse(fmt::format("wall \"{}\" is of the server's configuration: only its file changes it", name));
+    if (found != entries.end() && found->second.wall.fixed() && !lab) {
+      const std::string of = found->second.configured ? "of the server's configuration" : "protected";
+      throw Refused(proto::Error::NOT_PERMITTED, explain_role(who, fmt::format("wall \"{}\" is {}: to change it", name, of), proto::LAB));
     }
     return found;
   };
@@ -185,7 +208,7 @@ void WallStore::apply(const proto::ChangeWalls& change) {
   }
   for (proto::Wall wall : change.put()) {
     keep_fixed(wall.name());
-    wall.clear_fixed();
+    if (!lab) wall.clear_fixed();
     put(wall, entries, ++id);
   }
   const auto held = std::count_if(entries.begin(), entries.end(), [](const auto& each) { return each.second.wall.held(); });

@@ -2,6 +2,7 @@
 
 #include <map>
 #include <memory>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -9,19 +10,22 @@
 #include "frankapy/proto/walls.pb.h"
 #include "models/arm.hpp"
 #include "realtime/walls/wall_guard.hpp"
+#include "server/keys.hpp"
 
 namespace server {
 
-// The walls of an arm by name: of its configuration, which no client changes, and of clients. It makes of them what the loop has.
+// The walls of an arm by name, of its configuration and of clients. Those that are protected (Wall.fixed), as those of the
+// configuration are, only role lab changes. It makes of them what the loop has.
 class WallStore {
  public:
-  // Those of the configuration, and those of clients in a file that outlives this process (-1: none), which is kept as they are;
-  // of these, those that are to be kept also in one that outlives the server (empty: none). Throws Refused as change().
+  // Those of the configuration, and what clients have changed in a file that outlives this process (-1: none), which is kept as
+  // it is; of their walls, those that are to be kept also in one that outlives the server (empty: none). Throws Refused as
+  // change().
   explicit WallStore(const std::vector<frankapy::proto::Wall>& fixed, int fd = -1, std::string file = {});
 
-  // Throws Refused: a wall that is none or of a name that is fixed, one to remove that is not there, more than the loop can
-  // look at in a cycle. Nothing is changed then.
-  void change(const frankapy::proto::ChangeWalls& change);
+  // Throws Refused: a wall that is none or that is protected from `who`, one to remove that is not there, more than the loop
+  // can look at in a cycle. Nothing is changed then.
+  void change(const frankapy::proto::ChangeWalls& change, const Keys::Client& who = {"", "", frankapy::proto::USER});
 
   frankapy::proto::Walls list() const;
 
@@ -35,17 +39,20 @@ class WallStore {
   struct Entry {
     std::uint32_t id;
     frankapy::proto::Wall wall;
+    bool configured = false;  // as it is in the configuration
   };
   static void put(frankapy::proto::Wall wall, std::map<std::string, Entry>& into, std::uint32_t id);
 
-  void take_again(const frankapy::proto::Walls& walls);
-  void apply(const frankapy::proto::ChangeWalls& change);
-  frankapy::proto::Walls of_clients(bool only_kept) const;
+  void take_again(const frankapy::proto::Wall& wall);
+  void apply(const frankapy::proto::ChangeWalls& change, const Keys::Client& who);
+  frankapy::proto::Walls to_keep() const;
+  frankapy::proto::ChangeWalls changes() const;
 
   int fd_;
   std::string file_;
   std::map<std::string, Entry> entries_;
   std::uint32_t last_id_ = 0;
+  std::set<std::string> configured_;  // names
 };
 
 // A link of the arm (ArmCapsules), for people.

@@ -22,9 +22,11 @@ FASTEST = {"fer": [2.175] * 4 + [2.61] * 3, "fr3": [2.62] * 4 + [5.26, 4.18, 5.2
 
 @pytest.fixture(scope="session", autouse=True)
 def recordings_folder(tmp_path_factory):
-    """Let no test leave recordings in its user's data."""
+    """Let no test leave recordings in its user's data, or find its user's keys."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
+        patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
+        patch.delenv("FRANKAPY_KEY", raising=False)
         yield
 
 

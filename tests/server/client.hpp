@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <string>
 #include <vector>
 #include <zmq.hpp>
@@ -13,9 +14,12 @@ namespace server {
 // One client on a socket of its own.
 class Client {
  public:
-  Client(zmq::context_t& context, const std::string& endpoint) : socket_(context, zmq::socket_type::dealer) {
+  // `prepare`: its socket, before that is connected.
+  Client(zmq::context_t& context, const std::string& endpoint, const std::function<void(zmq::socket_t&)>& prepare = [](auto&) {})
+      : socket_(context, zmq::socket_type::dealer) {
     socket_.set(zmq::sockopt::linger, 0);
     socket_.set(zmq::sockopt::rcvtimeo, 20000);
+    prepare(socket_);
     socket_.connect(endpoint);
   }
 

@@ -58,7 +58,7 @@ TEST(LimitStore, shares_are_of_the_robots_whatever_the_lab_allows) {
 TEST(LimitStore, nothing_goes_beyond_the_lab_or_the_robot) {
   LimitStore store = store_of({.velocity = 0.5, .power = 80});
   EXPECT_EQ(refusal(store, velocity(0.6)), "Limits.velocity is 0.6 of the robot's: expected 0.01 to 0.5, the most that the robot and "
-                                           "the server's configuration ([arm.limits]) allow");
+                                           "the server's configuration ([arm.limits]) or its lab allow");
   proto::ChangeLimits change;
   change.mutable_limits()->set_jerk(0.5);
   change.mutable_limits()->set_power(100);
@@ -68,6 +68,31 @@ TEST(LimitStore, nothing_goes_beyond_the_lab_or_the_robot) {
   change.mutable_limits()->set_tool_speed(kArm.translation.velocity);
   EXPECT_NE(refusal(store, change).find("tool_speed is 1.7 m/s: expected 0.01 to 0.85"), std::string::npos);
   EXPECT_EQ(store.make().power, 80);
+}
+
+TEST(LimitStore, the_lab_allows_less_or_more_than_its_file_and_no_more_than_the_robot) {
+  const int fd = make_memory_file("limits", 0);
+  LimitStore store = store_of({.velocity = 0.5, .torque = 0.5, .tool_speed = 0.25}, fd);
+  const auto allow = [&](const char* field, double value) {
+    proto::ChangeLimits change;
+    change.mutable_most()->GetReflection()->SetDouble(change.mutable_most(), proto::Limits::descriptor()->FindFieldByName(field), value);
+    return refusal(store, change);
+  };
+  EXPECT_EQ(allow("torque", 1), "");
+  EXPECT_EQ(store.make().limits.tau_max, kArm.tau_max);
+  EXPECT_EQ(allow("tool_speed", 0.8), "");
+  EXPECT_EQ(store.list().now().tool_speed(), 0.8);
+  EXPECT_NE(allow("tool_speed", 0.9).find("expected 0.01 to 0.85, the most that the robot allows"), std::string::npos);
+  EXPECT_NE(allow("velocity", 0.6).find("velocity is 0.6 of the robot's: expected 0.01 to 0.5"), std::string::npos);
+  EXPECT_EQ(allow("velocity", 0.1), "");
+  EXPECT_DOUBLE_EQ(store.make().limits.dq_max[0], 0.1 * kArm.dq_max[0]);
+  EXPECT_NE(refusal(store, velocity(0.2)).find("expected 0.01 to 0.1"), std::string::npos);
+  proto::ChangeLimits reset;
+  reset.set_reset(true);
+  store.change(reset);
+  EXPECT_EQ(store.list().now().velocity(), 0.1);
+  EXPECT_EQ(store_of({.velocity = 0.5, .torque = 0.5}, fd).list().most().velocity(), 0.1) << "outlives the process";
+  close(fd);
 }
 
 TEST(LimitStore, a_tool_speed_bounds_poses_too) {

@@ -1,12 +1,14 @@
 #include "server/wall_store.hpp"
 
 #include <gtest/gtest.h>
+#include <spdlog/fmt/fmt.h>
 #include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
 
 #include "server/refused.hpp"
+#include "server/shared_memory.hpp"
 
 namespace server {
 namespace {
@@ -162,6 +164,48 @@ TEST_F(WallStoreTest, the_configuration_goes_before_what_was_kept) {
   ASSERT_EQ(names(store).size(), 1u);
   EXPECT_EQ(store.list().walls(0).sphere().radius(), 0.4);
   EXPECT_TRUE(store.list().walls(0).fixed());
+}
+
+TEST_F(WallStoreTest, what_is_protected_only_the_lab_changes) {
+  const int fd = make_memory_file("walls", 0);
+  const Keys::Client student{"key", "anna", proto::USER}, lab{"key", "lab", proto::LAB};
+  const std::vector<proto::Wall> configured = {sphere("bench", 0.4, false), sphere("pole", 0.1, false)};
+  WallStore store(configured, fd, file_);
+  const auto refusal = [&](const proto::ChangeWalls& change) {
+    try {
+      store.change(change, student);
+    } catch (const Refused& refused) {
+      EXPECT_EQ(refused.code, proto::Error::NOT_PERMITTED);
+      return std::string(refused.what());
+    }
+    return std::string();
+  };
+  proto::ChangeWalls remove;
+  remove.add_remove("bench");
+  EXPECT_EQ(refusal(remove).find("wall \"bench\" is of the server's configuration: to change it needs the role lab, and"), 0u);
+  EXPECT_NE(refusal(put(sphere("bench", 0.2, false))), "");
+  auto table = sphere("table", 0.3, true);
+  table.set_fixed(true);
+  store.change(put(table), lab);
+  EXPECT_EQ(refusal(put(sphere("table", 0.2, false))).find("wall \"table\" is protected"), 0u);
+  auto own = sphere("own", 0.1, false);
+  own.set_fixed(true);
+  store.change(put(own), student);
+  store.change(remove, lab);
+  store.change(put(sphere("pole", 0.2, false)), lab);
+
+  const auto shown = [](const WallStore& of) {
+    std::string text;
+    const proto::Walls walls = of.list();
+    for (const auto& wall : walls.walls()) {
+      text += fmt::format("{} {}{}, ", wall.name(), wall.sphere().radius(), wall.fixed() ? " fixed" : "");
+    }
+    return text;
+  };
+  EXPECT_EQ(shown(store), "own 0.1, pole 0.2, table 0.3 fixed, ");
+  EXPECT_EQ(shown(WallStore(configured, fd, file_)), shown(store)) << "after a crash of its process";
+  EXPECT_EQ(shown(WallStore(configured, -1, file_)), "bench 0.4 fixed, pole 0.1 fixed, table 0.3 fixed, ") << "of another server";
+  close(fd);
 }
 
 TEST_F(WallStoreTest, a_file_that_is_none_is_left_out) {

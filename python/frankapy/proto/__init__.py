@@ -9,6 +9,7 @@ try:
     from frankapy.proto import sensors_pb2 as sensor_msg_pb2
     from frankapy.proto.controllers_pb2 import *  # noqa: F403
     from frankapy.proto.endings_pb2 import *  # noqa: F403
+    from frankapy.proto.keys_pb2 import *  # noqa: F403
     from frankapy.proto.limits_pb2 import *  # noqa: F403
     from frankapy.proto.published_parameters import *  # noqa: F403
     from frankapy.proto.sensors_pb2 import *  # noqa: F403

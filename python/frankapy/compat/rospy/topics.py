@@ -153,7 +153,7 @@ def _states_of(name: str) -> Callable[[], Any] | None:
             def states() -> Any:
                 try:
                     while not is_shutdown():
-                        with StateStream(connection.welcome.state_endpoint, rate=_RATE) as stream:
+                        with StateStream(connection.welcome.state_endpoint, rate=_RATE, key=connection.key) as stream:
                             yield from map(convert, stream)
                 finally:
                     connection.close()
