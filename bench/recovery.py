@@ -1,10 +1,15 @@
 """How soon an arm takes motions again after an error, and whether it always does; real time.
 
-Every error that a robot has is raised in turn, at random moments of motions, and the published interface recovers by itself.
+Every error that a robot has is raised in turn, at random moments of motions, and between them a user stop is pressed, an enabling
+device let go, commands are lost and states. The arm recovers by itself where the lab's file lets it by default; of collisions and
+stops the bench is the person who is asked.
   recovery_ms_p50, _p99       from the last cycle of the motion that failed to the arm being ready for the next one, less what the
-                              simulated arm takes for its own part
+                              simulated arm takes for its own part; without the time until somebody releases a stop
   recovery_errors             that were raised
-  recovery_not_recovered      after which the next motion did not come to its goal
+  recovery_by_itself          of these
+  recovery_reported           of these: the result said what stood in the way, and the person's Recover then did it
+  recovery_not_recovered      of these: after which the next motion did not come to its goal
+  recovery_hung               of these: no result, or none of Recover, within 20 s
 """
 
 import json
@@ -12,6 +17,8 @@ import logging
 import re
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,39 +29,77 @@ from frankapy.sim import Simulation
 
 ERRORS = 1000
 ARMS_OWN = 50.0  # ms: kRecoveryCycles of sim/robot/robot.cpp
+LONGEST = 20.0  # s
 HOME = np.array(FrankaConstants.HOME_JOINTS)
 STEP = np.array([0.1, 0.1, 0, 0, 0, 0.1, 0])
 TIME = 0.4  # s of a motion
 NAMES = re.findall(r'^    "(\w+)",$', (Path(__file__).resolve().parent.parent / "wire/fci/errors.hpp").read_text(), re.MULTILINE)
+LOST = "communication_constraints_violation"
+# What befalls the robot, how it ends, and the error that the result names.
+MISHAPS: dict[str, tuple[Callable[[Simulation], None], Callable[[Simulation], None], str]] = {
+    "user stop": (lambda sim: sim.user_stop(), lambda sim: sim.user_stop(False), ""),
+    "enabling device": (lambda sim: sim.enabling_device(False), lambda sim: sim.enabling_device(True), ""),
+    "commands lost": (lambda sim: sim.network(loss_in=1), lambda sim: sim.network(), LOST),
+    "states lost": (lambda sim: sim.network(loss_out=1), lambda sim: sim.network(), LOST),
+}
+
+
+def until(condition: Callable[[], bool]) -> bool:
+    """Wait until it is so; return whether it has become so in time."""
+    deadline = time.monotonic() + LONGEST
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.001)
+    return True
+
+
+def ready(fa: FrankaArm) -> bool:
+    """Return whether a person's Recover has brought the arm back; what stands in the way may take a moment to go."""
+    with suppress(FrankaArmException):
+        return fa.recover().recovered
+    return False
 
 
 def main() -> int:
     random = np.random.default_rng(1)
     logging.getLogger("frankapy").setLevel(logging.ERROR)
-    ms, not_recovered = [], 0
+    ms = []
+    counts = dict.fromkeys(("by_itself", "reported", "not_recovered", "hung"), 0)
+    kinds = [*NAMES, *MISHAPS]
     with Simulation() as simulation, FrankaArm(server=simulation.server) as fa:
         fa.reset_joints(1)
         for n in tqdm(range(ERRORS), unit="error"):
-            name = NAMES[n % len(NAMES)]
+            kind = kinds[n % len(kinds)]
+            begin, end, error = MISHAPS.get(kind, (lambda sim, kind=kind: sim.inject(kind), lambda _: None, kind))
             fa.goto_joints(HOME + STEP, TIME, block=False)
-            time.sleep(random.uniform(0, 0.8 * TIME))
-            simulation.inject(name)
-            fa.wait_for_skill()
-            ready = time.monotonic_ns()
+            time.sleep(random.uniform(0.05, 0.8) * TIME)
+            begin(simulation)
+            told = until(fa.is_skill_done)
+            now = time.monotonic_ns()
+            end(simulation)
             result = fa.last_skill_result
-            if name not in result.errors:
-                print(f"{name}: ended with {proto.Ending.Name(result.ending)}, {list(result.errors)}", file=sys.stderr)
-            ms.append((ready - result.last_cycle_ns) / 1e6 - ARMS_OWN)
+            if told and (result.ending != proto.ROBOT_ERROR or (error and error not in result.errors)):
+                print(f"{kind}: ended with {proto.Ending.Name(result.ending)}, {list(result.errors)}", file=sys.stderr)
+            if told and result.recovery.recovered:
+                counts["by_itself"] += 1
+            elif told and until(lambda: ready(fa)):
+                counts["reported"] += result.recovery.obstacle != proto.NO_OBSTACLE
+                now = time.monotonic_ns()
+            else:
+                counts["hung"] += 1
+            if error:
+                ms.append((now - result.last_cycle_ns) / 1e6 - ARMS_OWN)
             try:
                 fa.goto_joints(HOME, TIME, ignore_errors=False)
-            except FrankaArmException as error:
-                print(f"after {name}: {error}", file=sys.stderr)
-                not_recovered += 1
-                fa.wait_for_franka_interface()
+            except FrankaArmException as failed:
+                print(f"after {kind}: {failed}", file=sys.stderr)
+                counts["not_recovered"] += 1
+                until(lambda: ready(fa))
     print(f"ready again: p50 {np.median(ms):.1f}, p99 {np.percentile(ms, 99):.1f}, at most {max(ms):.1f} ms", file=sys.stderr)
-    entries = {"recovery_ms_p50": float(np.median(ms)), "recovery_ms_p99": float(np.percentile(ms, 99))}
-    print(json.dumps(entries | {"recovery_errors": ERRORS, "recovery_not_recovered": not_recovered}))
-    return int(not_recovered > 0)
+    entries = {"recovery_ms_p50": float(np.median(ms)), "recovery_ms_p99": float(np.percentile(ms, 99)), "recovery_errors": ERRORS}
+    print(json.dumps(entries | {f"recovery_{name}": count for name, count in counts.items()}))
+    return int(counts["not_recovered"] + counts["hung"] > 0)
 
 
 if __name__ == "__main__":

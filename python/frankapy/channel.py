@@ -51,7 +51,7 @@ _PRELIMINARY = ("skill_started", "gripper_started")
 COMMANDS = ("start_skill", "change_skill", "gripper", "recover")
 # The server's texts are for clients in any language: how what they advise is called here.
 _ADVICE = [
-    ("then recover", "fa.wait_for_franka_interface() recovers it"),
+    ("then recover", "fa.recover()"),
     ("preempt", "fa.wait_for_skill(), fa.stop_skill(), fa.run(..., preempt=True), or both motions in fa.sequence()"),
 ]
 

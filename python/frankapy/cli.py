@@ -1,5 +1,5 @@
 """The command line: frankapy status, sim, compat, record, info, plot, replay, export, demonstrate, segment,
-learn, imitate, walls, latency, keys, kinds, new, doctor."""
+learn, imitate, walls, latency, keys, kinds, new, doctor, recover."""
 
 from __future__ import annotations
 
@@ -47,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     status = add("status", cli_status.show, "show the arms of a server and what they do")
     add_server(status)
+
+    recover = add("recover", _recover, "bring an arm back after an error or a user stop, once you have looked at it")
+    add_arm(recover)
 
     sim = add("sim", _sim, "start simulated arms and a server for them, until Ctrl-C")
     sim.add_argument("--robot", action="append", choices=list(TITLES), help="fr3 (default); once for each arm")
@@ -308,6 +311,21 @@ def _new(options: argparse.Namespace) -> int:
     print("    cmake --build build\n    ctest --test-dir build")
     print("README.md there says how to load and to run it.")
     return 0
+
+
+# --- recover ---------------------------------------------------------------------------------------------------------
+
+
+def _recover(options: argparse.Namespace) -> int:
+    from frankapy.recovery import told
+
+    connection = Connection(options.server, options.arm)
+    try:
+        recovery = connection.recover()
+    finally:
+        connection.close()
+    print(told(recovery), file=sys.stdout if recovery.recovered else sys.stderr)
+    return 0 if recovery.recovered else 1
 
 
 # --- sim -------------------------------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from frankapy.exceptions import (
     FrankaArmFrankaInterfaceNotReadyException,
 )
 from frankapy.franka_constants import FrankaConstants as FC
+from frankapy.recovery import WAITS_FOR_PEOPLE
 from frankapy.validation import whole
 
 SERVER_VARIABLE = "FRANKA_INTERFACE_SERVER"
@@ -332,23 +333,34 @@ class Connection:
         """Return the newest state that the arm's process knows."""
         return self.ask(proto.Request(get_state=proto.GetState())).state
 
-    def wait_until_ready(self, timeout: float | None = None, recover: bool = True) -> None:
-        """Wait until the arm can move; one in error is told to recover, or is taken as it is.
+    def recover(self, under: proto.RecoveryPolicy | None = None) -> proto.Recovery:
+        """Ask for recovery from an error or a user stop; of a program `under` says how far it may go without a person."""
+        return self.ask(proto.Request(recover=proto.Recover(under=under))).recovery
 
-        Raises FrankaArmCommException when it cannot move after `timeout` (s; None: DEFAULT_FRANKA_INTERFACE_TIMEOUT of
-        FrankaConstants), with the reason.
+    def wait_until_ready(self, timeout: float | None = None, under: proto.RecoveryPolicy | None = None) -> None:
+        """Wait until the arm can move; one in error recovers under this policy, or (None) is taken as it is.
+
+        Raises FrankaArmFrankaInterfaceNotReadyException when a person has to look first, FrankaArmCommException when the arm cannot
+        move after `timeout` (s; None: DEFAULT_FRANKA_INTERFACE_TIMEOUT of FrankaConstants), with the reason.
         """
         timeout = FC.DEFAULT_FRANKA_INTERFACE_TIMEOUT if timeout is None else timeout
         deadline = time.monotonic() + timeout
         while True:
             try:
                 phase = self.state().phase
-                if phase == proto.ERROR and recover:
-                    self.ask(proto.Request(recover=proto.Recover()))
-                elif phase != proto.CONNECTING and not (phase == proto.RECOVERING and recover):
-                    return
                 reason = f"its phase is {proto.Phase.Name(phase)}"
+                if phase == proto.ERROR and under is not None:
+                    recovery = self.recover(under)
+                    if recovery.recovered:
+                        return
+                    reason = channels.advised(recovery.message)
+                    if recovery.who != proto.RecoveryPolicy.ITSELF or recovery.obstacle not in WAITS_FOR_PEOPLE:
+                        raise FrankaArmFrankaInterfaceNotReadyException(f"The arm is not ready: {reason}", recovery=recovery)
+                elif phase != proto.CONNECTING and not (phase == proto.RECOVERING and under is not None):
+                    return
             except FrankaArmFrankaInterfaceNotReadyException as error:
+                if error.recovery is not None:
+                    raise
                 reason = error.message
             if time.monotonic() > deadline:
                 raise FrankaArmCommException(f"The arm is not ready after {timeout:g} s: {reason}")

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from frankapy import proto
+
 
 class FrankaArmException(Exception):
     """The arm or its server could not do what was asked; root of all exceptions of frankapy.
 
-    `message` says what happened and what to do.
+    `message` says what happened and what to do. Of a skill that failed `result` says the same and more: which errors, where, what
+    became of the arm, and the file with the seconds before. `recovery` is what came of an arm that was to recover.
     """
 
-    def __init__(self, message: str = "") -> None:
+    def __init__(
+        self, message: str = "", result: proto.SkillResult | None = None, recovery: proto.Recovery | None = None
+    ) -> None:
         super().__init__(message)
         self.message = message
+        self.result = result
+        self.recovery = recovery if result is None or recovery is not None else result.recovery
 
 
 class FrankaArmCommException(FrankaArmException):

@@ -31,9 +31,10 @@ from frankapy import (
 )
 from frankapy import forces as _forces
 from frankapy import guidance as _guidance
+from frankapy.channel import advised
 from frankapy.connection import Connection
 from frankapy.demonstration import Demonstration
-from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
 from frankapy.franka_constants import FrankaConstants as FC
 from frankapy.hand import Hand
 from frankapy.interrupts import stop_on_interrupt
@@ -42,6 +43,7 @@ from frankapy.limits import Limits
 from frankapy.motions import Motions
 from frankapy.poses import TOOL, TOOL_BASE, WORLD
 from frankapy.proto_utils import messages_of
+from frankapy.recovery import policy
 from frankapy.rigid_transform import RigidTransform
 from frankapy.ros_messages import SensorDataGroup
 from frankapy.sensors import SensorPublisher
@@ -95,6 +97,7 @@ class FrankaArm:
         """
         self._tool_delta_pose = RigidTransform(np.eye(3), np.zeros(3), from_frame=TOOL, to_frame=TOOL_BASE)
         self._speed = 1.0
+        self._recovery: str | int | None = None
         self._sensors: SensorPublisher | None = None
         self._server_name, self._robot_num, self._key_file = server, whole("robot_num", robot_num), key
         self._connection = None if offline else Connection(server, self._robot_num, key)
@@ -105,7 +108,7 @@ class FrankaArm:
             return
         self._finalizer = weakref.finalize(self, self._connection.close)
         stop_on_interrupt(self._connection)
-        self._connection.wait_until_ready(recover=False)
+        self._connection.wait_until_ready()
 
     def __repr__(self) -> str:
         if self._connection is None:
@@ -152,13 +155,46 @@ class FrankaArm:
     # --- waiting and stopping ------------------------------------------------------------------------------------
 
     def wait_for_franka_interface(self, timeout: float | None = None) -> None:
-        """Wait until the arm can move; an arm in error is told to recover.
+        """Wait until the arm can move; an arm in error recovers by itself, where `recovery` and the lab's file let it.
 
-        `timeout` in s; None is 10 s. Raises FrankaArmCommException when it cannot move by then, with the reason.
+        `timeout` in s; None is 10 s. Raises FrankaArmCommException when it cannot move by then, with the reason, and
+        FrankaArmFrankaInterfaceNotReadyException when a person has to look at it first (`recover`).
         """
         timeout = None if timeout is None else number("timeout", timeout)
         if self._connection is not None:
-            self._connection.wait_until_ready(timeout)
+            self._connection.wait_until_ready(timeout, self._policy(None, ignore_errors=True))
+
+    @property
+    def recovery(self) -> str | int | None:
+        """Who brings the arm back after an error of the robot in a motion that is called for from now on.
+
+        "itself": the server, at once, ten times in a row (without a motion between that ends by itself); a number: so many times.
+        "ask": a person who has looked at the arm, by `recover`. "never": only people at the robot. None: "itself" where errors
+        are ignored, as the published methods do by default, and "ask" where they are raised, as `run` does. The lab's file
+        (arm.recovery of the server's configuration) says what is allowed at most: by default nobody recovers from a collision or
+        a user stop but a person.
+        """
+        return self._recovery
+
+    @recovery.setter
+    def recovery(self, recovery: str | int | None) -> None:
+        if recovery is not None:
+            policy(recovery)
+        self._recovery = recovery
+
+    def recover(self) -> proto.Recovery:
+        """Bring the arm back after an error or a user stop: for a person, who has looked at it.
+
+        The robot recovers; then joints that are outside their range are moved back inside, slowly. Returns when the arm is ready,
+        at once where nothing is wrong.
+
+        Raises FrankaArmFrankaInterfaceNotReadyException where it is not: its `recovery` says what stands in the way (`obstacle`,
+        `message`), such as a user stop that is pressed.
+        """
+        recovery = self._server.recover()
+        if not recovery.recovered:
+            raise FrankaArmFrankaInterfaceNotReadyException(f"The arm is not ready: {advised(recovery.message)}", recovery=recovery)
+        return recovery
 
     def wait_for_skill(self) -> None:
         """Return when the skill that was last sent has ended, however it ended."""
@@ -746,7 +782,7 @@ class FrankaArm:
     def run(
         self, trajectory: Message, controller: Message | None = None, until: Message | Sequence[Message] = (),
         *, robot_controller: str = "auto", speed: float | None = None, start_time: float | None = None, preempt: bool = False,
-        block: bool = True, ignore_errors: bool = False, skill_desc: str = "",
+        block: bool = True, ignore_errors: bool = False, recover: str | int | None = None, skill_desc: str = "",
         publishers: Mapping[str, Sequence[str]] | None = None,
     ) -> proto.SkillResult | None:  # fmt: skip
         """Run a skill of any parts; `frankapy.parts` has them, and `frankapy kinds` lists them.
@@ -770,6 +806,8 @@ class FrankaArm:
                 controller.
             block: wait for the end; its result is returned.
             ignore_errors: where the robot reports an error, log it and recover, instead of raising.
+            recover: who brings the arm back after an error: "itself", a number of times by itself, "ask" or "never", as in
+                `recovery`; None: as `recovery` says. Whoever it is, the skill has failed, and is not made again.
             skill_desc: goes with the skill's states.
             publishers: by topic, the names of the keys whose sensor messages the skill takes ({"policy": ["anna"]}), where the
                 server has keys; of other topics, everybody's who may command.
@@ -781,6 +819,7 @@ class FrankaArm:
         return self._run(
             trajectory, controller, any_of(until), skill_desc, block, ignore_errors, robot_controller, preempt, speed, start_time,
             publishers=publishers,
+            recover=recover,
         )  # fmt: skip
 
     def check(
@@ -1179,14 +1218,20 @@ class FrankaArm:
     def _run(
         self, trajectory: Message, controller: Message, ends: Sequence[Message], skill_desc: str, block: bool, ignore_errors: bool,
         robot_controller: str = "auto", preempt: bool = False, speed: float | None = None, start_time: float | None = None,
-        led: bool = False, publishers: Mapping[str, Sequence[str]] | None = None,
+        led: bool = False, publishers: Mapping[str, Sequence[str]] | None = None, recover: str | int | None = None,
     ) -> proto.SkillResult | None:  # fmt: skip
         """Send a skill; where asked to, wait for its end and return its result."""
         speed = self.speed if speed is None else number("speed", speed)
-        skill = make_skill(trajectory, controller, ends, skill_desc, robot_controller, speed, start_time, publishers)
+        under = self._policy(recover, ignore_errors)
+        skill = make_skill(trajectory, controller, ends, skill_desc, robot_controller, speed, start_time, publishers, under)
         self._reader.stop_listening()
         duration = getattr(trajectory, "duration", 0.0) / (speed or 1)
         return self._motions.run(skill, duration, block, ignore_errors, preempt, led)
+
+    def _policy(self, recover: str | int | None, ignore_errors: bool) -> proto.RecoveryPolicy:
+        if recover is None:
+            recover = self._recovery
+        return policy(recover if recover is not None else "itself" if ignore_errors else "ask")
 
     def _joints_or_now(self, joints: Numbers | None) -> np.ndarray:
         return self.get_joints() if joints is None else vector("joints", joints, 7)

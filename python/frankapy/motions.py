@@ -42,6 +42,7 @@ class Motion:
         self.judged = False
         self.ended: proto.SkillResult | None = None  # how, once it was judged
         self.id = int(call.first().skill_started.skill_id)  # at the server
+        self.recovery = call.request.start_skill.skill.recovery
         self._server = server
         self._pid = os.getpid()
 
@@ -130,10 +131,10 @@ class Motions:
         try:
             call = self._server.start(request)
         except FrankaArmFrankaInterfaceNotReadyException as error:
-            if not ignore_errors:
+            if skill.recovery.who != proto.RecoveryPolicy.ITSELF:
                 raise
             logger.warning("%s: the arm is told to recover.", error.message)
-            self._server.wait_until_ready()
+            self._server.wait_until_ready(under=skill.recovery)
             call = self._server.start(request)
         motion = self.running = Motion(call, self._server, skill.description, duration, led)
         if sequence is not None:
@@ -194,7 +195,8 @@ class Motions:
     def wait_for_last(self) -> None:
         """Return when the motion that was last sent has ended, however it ended."""
         if (motion := self.running) is not None:
-            self.wait(motion, ignore_errors=True)
+            with contextlib.suppress(FrankaArmFrankaInterfaceNotReadyException):
+                self.wait(motion, ignore_errors=True)
 
     async def finished(self, ignore_errors: bool) -> proto.SkillResult:
         """Wait in a coroutine for the end of the motion that was last sent, which is stopped where the coroutine is cancelled."""
@@ -215,8 +217,8 @@ class Motions:
     def wait(self, motion: Motion, ignore_errors: bool) -> None:
         """Wait for the end of a motion and judge it, once.
 
-        Raises FrankaArmException for one that failed where errors are not ignored, FrankaArmCommException where the connection
-        was lost.
+        Raises FrankaArmException for one that failed where errors are not ignored, FrankaArmFrankaInterfaceNotReadyException where
+        a person has to look at the arm, FrankaArmCommException where the connection was lost.
         """
         try:
             if motion.duration < _LONG:
@@ -243,7 +245,11 @@ class Motions:
                 return False
         except FrankaArmException:
             pass  # found again below
-        self._judge(motion, ignore_errors)
+        try:
+            self._judge(motion, ignore_errors)
+        except FrankaArmFrankaInterfaceNotReadyException:
+            if not ignore_errors:
+                raise
         return True
 
     def _judge(self, motion: Motion, ignore_errors: bool) -> None:
@@ -264,10 +270,10 @@ class Motions:
             return
         text = f"{motion.name} ended with {proto.Ending.Name(result.ending)}: {result.message or ', '.join(result.errors)}"
         if not ignore_errors:
-            raise FrankaArmException(advised(text))
+            raise FrankaArmException(advised(text), result)
         logger.warning("%s", text)
-        if result.ending in (proto.ROBOT_ERROR, proto.REFUSED):
-            self._server.wait_until_ready()
+        if result.ending in (proto.ROBOT_ERROR, proto.REFUSED) and not result.recovery.recovered:
+            self._server.wait_until_ready(under=motion.recovery)
 
 
 def _show(motion: Motion) -> None:

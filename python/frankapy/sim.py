@@ -21,7 +21,7 @@ import re
 import socket
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -81,6 +81,7 @@ class Simulation(ControlChannel):
         record: str | None = None,
         recordings: str | os.PathLike[str] | None = None,
         keys: str | os.PathLike[str] | None = None,
+        recovery: Mapping[str, str | int] | None = None,
         log: IO[str] | None = None,
     ) -> None:
         """Start, and wait until every arm is ready; without `arms`, one FR3.
@@ -95,6 +96,7 @@ class Simulation(ControlChannel):
             recordings: folder of its recordings; None: its default.
             keys: folder of its keys (docs/keys.md), of which this program has one as $FRANKAPY_KEY or in the usual place; None: its
                 default.
+            recovery: what the server's configuration has under arm.recovery, such as {"collisions": "itself"}.
             log: where both programs write; None: nowhere, but into the exception when they fail.
 
         Raises FrankaArmException which says what a program wrote when it did not start.
@@ -113,7 +115,7 @@ class Simulation(ControlChannel):
                 self._loops += [loop] * len(addresses)
             super().__init__(self.addresses[0])
             self.arms += [self, *(ControlChannel(address) for address in self.addresses[1:])]
-            self.server = self._start_server(listen, port, hold_time, load, record, recordings, keys)
+            self.server = self._start_server(listen, port, hold_time, load, record, recordings, keys, recovery or {})
             self._wait_until_ready()
         except BaseException:
             self.close()
@@ -201,6 +203,7 @@ class Simulation(ControlChannel):
         record: str | None,
         recordings: str | os.PathLike[str] | None,
         keys: str | os.PathLike[str] | None,
+        recovery: Mapping[str, str | int],
     ) -> str:
         if port:
             _require_free_port(listen, port)
@@ -210,6 +213,7 @@ class Simulation(ControlChannel):
             text += f'[[arm]]\nname = "arm{i}"\naddress = "{address}"\n{loop}'
             if hold_time is not None:
                 text += f"hold_time = {float(hold_time)}\n"
+            text += "[arm.recovery]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in recovery.items())
         config.write_text(text)
         command = [program("franka-interface"), "--config", str(config), "--listen", listen, "--port", str(port)]
         command += ["--record", record] if record else []

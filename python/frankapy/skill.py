@@ -42,6 +42,7 @@ def make_skill(
     speed: float = 1,
     start_time: float | None = None,
     publishers: Mapping[str, Sequence[str]] | None = None,
+    recovery: proto.RecoveryPolicy | None = None,
 ) -> proto.Skill:
     """Put one trajectory, one controller and any number of terminations into a skill, after checking each.
 
@@ -60,6 +61,7 @@ def make_skill(
         description=text("skill_desc", description, _LONGEST_DESCRIPTION),
         robot_controller=robot_controller.upper(),
         speed=number("speed", speed),
+        recovery=recovery,
     )
     if start_time is not None:
         skill.start_time = number("start_time", start_time)

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <optional>
 #include <utility>
 
 #include "bridge/queue.hpp"
@@ -53,6 +54,7 @@ struct RecoveryResult {
   bool accepted = false;   // the robot took it; if not recovered, it was not idle in time
   fci::Status status = fci::Status::kSuccess;            // the robot's answer; kFailed: it gave none in time
   fci::RobotMode robot_mode = fci::RobotMode::kOther;    // afterwards
+  std::optional<std::uint64_t> record = {};  // number in Door::records of the cycle that knows it; none of a lost connection
 };
 
 // Everything that passes between the two rooms. The server room writes the first half, the loop the

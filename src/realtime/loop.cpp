@@ -16,6 +16,7 @@ constexpr std::uint64_t kAnswerTime = 1000;     // ms for the robot to answer a 
 constexpr std::uint64_t kRecoveryTime = 10000;  // ms: brakes are opened on the way
 constexpr std::uint64_t kMoveAgain = 20;        // ms after which a motion that was not possible is asked for again
 constexpr std::uint64_t kAnswerLead = 20;       // ms by which the answer to Move may precede its state
+constexpr double kRateOver = 100;               // commands that the robot's control_command_success_rate is of
 constexpr std::size_t kDoorRoom = 4;            // results and skills that one more skill may send back at once
 
 // Finishing a motion while the arm moves is a reflex; under torque control it may still swing when the reference rests.
@@ -132,12 +133,13 @@ bool Loop::cycle() noexcept {
 bool Loop::receive() noexcept {
   const std::uint64_t last = state_.message_id;
   if (driver_.receive(state_) != robot::Received::kState) {
-    lose_connection();
     lost_ = true;
+    lose_connection();
     return false;
   }
   ticks_ = cycles_ == 0 ? 1 : state_.message_id - last;
   lost_states_ += ticks_ - 1;
+  skill_lost_states_ += ticks_ - 1;
   if (in_motion() && ticks_ > RobotController::kMostLost + 1) ticks_ = 1;  // if the motion goes on, the clock has leapt
   ++cycles_;
   return true;
@@ -156,6 +158,7 @@ void Loop::observe() noexcept {
   cycle_.dq_ref = gate_.joint_velocity();
   held_by_ = HeldBy::kNothing;
   coasted_ = in_motion() && commands_were_lost();
+  if (in_motion() && robot_matches()) success_rate_ = state_.control_command_success_rate;
 }
 
 void Loop::take_answers() noexcept {
@@ -198,10 +201,11 @@ void Loop::take_answers() noexcept {
 void Loop::watch_robot() noexcept {
   const bool takes_motions =
       state_.robot_mode == fci::RobotMode::kIdle || state_.robot_mode == fci::RobotMode::kMove;
+  user_stopped_ |= newest_ != 0 && state_.robot_mode == fci::RobotMode::kUserStopped;
   switch (phase_) {
     case Phase::kConnecting:
     case Phase::kError:
-      phase_ = robot_idle() ? Phase::kIdle : Phase::kError;
+      phase_ = robot_idle() && !user_stopped_ ? Phase::kIdle : Phase::kError;
       break;
     case Phase::kIdle:
     case Phase::kConfiguring:
@@ -545,6 +549,9 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   result.ending = ending;
   result.termination = ending == Ending::kTerminated ? termination_ : -1;
   result.time = std::max(skill_time_, 0.0);
+  result.path_time = std::max(path_.time(), 0.0);
+  result.lost_states = skill_lost_states_;
+  result.lost_commands = static_cast<std::uint64_t>(std::lround(kRateOver * std::clamp(1 - success_rate_, 0., 1.)));
   result.stretch = skill->trajectory->stretch();
   if (const double planned = skill->trajectory->duration(); planned > 0 && std::isfinite(planned)) {
     result.stretch *= 1 + slowed_ / path_.lasts(planned);
@@ -653,7 +660,8 @@ void Loop::start_skill() noexcept {
   phase_ = Phase::kRunning;
   leaving_ = false;
   hold_until_ = std::numeric_limits<std::uint64_t>::max();
-  limited_cycles_ = 0;
+  limited_cycles_ = skill_lost_states_ = 0;
+  success_rate_ = 1;
   skill_held_by_ = HeldBy::kNothing;
   first_command_ns_ = 0;
   trajectory_over_ = held_back_ = false;
@@ -865,6 +873,8 @@ void Loop::fail_motion() noexcept {
 
 void Loop::recover() noexcept {
   if (phase_ == Phase::kRecovering) return;  // one at a time; the flag waits
+  if (robot_idle()) user_stopped_ = false;   // it was released
+  if (phase_ == Phase::kError && robot_idle()) phase_ = Phase::kIdle;
   if (phase_ != Phase::kError) {
     door_.recover = false;
     answer_recovery(true, fci::Status::kSuccess);
@@ -881,7 +891,8 @@ void Loop::recover() noexcept {
 void Loop::answer_recovery(bool recovered, fci::Status status) noexcept {
   if (phase_ == Phase::kRecovering) phase_ = recovered ? Phase::kIdle : Phase::kError;
   recovery_id_.reset();
-  door_.recoveries.push({recovered, recovery_accepted_, status, state_.robot_mode});
+  const auto record = lost_ ? std::nullopt : std::optional(door_.records.written());  // publish() is still to come
+  door_.recoveries.push({recovered, recovery_accepted_, status, state_.robot_mode, record});
 }
 
 void Loop::update_tool() noexcept {

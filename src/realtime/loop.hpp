@@ -114,6 +114,7 @@ class Loop {
   bool quit_ = false;           // from the door
   bool ended_ = false;          // no other cycle
   bool lost_ = false;           // the connection
+  bool user_stopped_ = false;   // after skills had come: released or not, the arm waits for recover()
 
   // What the robot says.
   fci::RobotState state_;
@@ -144,6 +145,8 @@ class Loop {
   bool faulty_ = false;      // the holder's controller is at fault, and no longer asked
   std::uint64_t unfinished_ = 0;  // id of the last skill that did not end by itself
   std::uint64_t limited_cycles_ = 0;
+  std::uint64_t skill_lost_states_ = 0;
+  double success_rate_ = 1;  // of the last commands, as the robot last said while a motion was active
   std::int64_t first_command_ns_ = 0;  // 0: not yet
   bool leaving_ = false;     // no skill, and the motion is to be finished as soon as the arm rests
   std::uint64_t hold_until_ = 0;  // message_id

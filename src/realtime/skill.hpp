@@ -73,6 +73,9 @@ struct SkillResult {
   Ending ending = Ending::kTerminated;
   int termination = -1;          // index of the one that ended it, or -1
   double time = 0;               // s of skill time
+  double path_time = 0;          // s along its trajectory
+  std::uint64_t lost_states = 0;    // that did not come
+  std::uint64_t lost_commands = 0;  // of the last 100, that the robot did not have in time
   double stretch = 1;            // of the trajectory
   std::uint64_t limited_cycles = 0;  // in which reference or torque were held back
   HeldBy held_by = HeldBy::kNothing;  // in any of them

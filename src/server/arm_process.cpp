@@ -79,6 +79,7 @@ class ArmProcess {
         transport_(context_, {options.listen, keys_.get()}, options.port, door_, publisher_, sensors_, recorder_, gripper_.get(),
                    WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1,
                              fmt::format("{}/franka-interface/walls/{}@{}", data_folder(), config.name, config.address)),
+                   Transport::Options{.clock = {}, .recovery = config.recovery},
                    LimitStore(config.limits, options.status_fd >= 0 ? ArmOptions::kLimitsFd : -1)) {}
 
   int run() {

@@ -252,6 +252,35 @@ void read_limits(const toml::table& node, const std::string& source, ArmConfig& 
   table.finish();
 }
 
+void read_recovery(const toml::table& node, const std::string& source, RecoveryConfig& recovery) {
+  using Policy = frankapy::proto::RecoveryPolicy;
+  Table table(node, source, "arm.recovery");
+  const auto who = [&](const char* key, Policy::Who& value, bool never) {
+    const auto* found = table.find(key);
+    if (found == nullptr) return;
+    const std::string expected = never ? "\"itself\", \"ask\" or \"never\"" : "\"itself\" or \"ask\"";
+    const std::string name = table.text(*found, key, expected);
+    if (name == "itself") {
+      value = Policy::ITSELF;
+    } else if (name == "ask") {
+      value = Policy::ASK;
+    } else if (name == "never" && never) {
+      value = Policy::NEVER;
+    } else {
+      table.refuse(*found, key, expected);
+    }
+  };
+  who("errors", recovery.errors, true);
+  who("collisions", recovery.collisions, true);
+  who("user_stop", recovery.user_stop, false);  // nobody else could
+  if (const auto* times = table.find("times")) {
+    const std::string expected = "a whole number, 1 to 1000";
+    if (!times->is_integer()) table.refuse(*times, "times", expected);
+    recovery.times = static_cast<unsigned>(table.number(*times, "times", 1, 1000, expected));
+  }
+  table.finish();
+}
+
 frankapy::proto::Wall read_wall(const toml::table& node, const std::string& source) {
   Table table(node, source, "arm.wall");
   frankapy::proto::Wall wall;
@@ -339,6 +368,7 @@ ArmConfig read_arm(const toml::table& node, const std::string& source) {
   if (const auto* load = table.table("load")) arm.settings.load = read_load(*load, source);
   if (const auto* tool = table.table("tool")) arm.settings.NE_T_EE = read_tool(*tool, source);
   if (const auto* limits = table.table("limits")) read_limits(*limits, source, arm);
+  if (const auto* recovery = table.table("recovery")) read_recovery(*recovery, source, arm.recovery);
   const auto* collision = table.table("collision");
   arm.settings.collision_behavior = collision != nullptr ? read_collision(*collision, source) : robot::kCollisionBehavior;
   if (const auto* walls = table.find("wall")) {

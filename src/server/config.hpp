@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "frankapy/proto/skill.pb.h"
 #include "frankapy/proto/walls.pb.h"
 #include "robot/mode.hpp"
 
@@ -16,6 +17,16 @@ namespace server {
 struct LimitsConfig {
   double velocity = 1, acceleration = 1, jerk = 1, torque = 1;  // of the robot's own
   std::optional<double> tool_speed = {}, power = {};            // m/s, W
+};
+
+// Who may bring the arm back at most, whatever clients ask for.
+struct RecoveryConfig {
+  using Who = frankapy::proto::RecoveryPolicy::Who;
+
+  Who errors = frankapy::proto::RecoveryPolicy::ITSELF;     // of the robot
+  Who collisions = frankapy::proto::RecoveryPolicy::ASK;    // reflexes of contact
+  Who user_stop = frankapy::proto::RecoveryPolicy::ASK;     // once it is released
+  unsigned times = 1000;  // in a row, by itself
 };
 
 // What an arm's process is told; examples/arms.toml has every key with its unit.
@@ -28,6 +39,7 @@ struct ArmConfig {
   std::optional<int> processor;  // for the loop
   bool lockstep = false;         // a simulated arm that waits for each command: nothing needs real-time priority
   LimitsConfig limits;
+  RecoveryConfig recovery;
   robot::Settings settings;  // load, tool where given; collision behaviour, that of robot::kCollisionBehavior by default
   std::vector<frankapy::proto::Wall> walls;
 };

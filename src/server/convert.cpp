@@ -123,11 +123,12 @@ std::string explain(const realtime::PartFault& fault) {
   return "is at fault";
 }
 
-// Where commands did not come in time, a long step is worth a word.
-std::string late_step(const realtime::SkillResult& result) {
-  const bool late = result.errors[static_cast<std::size_t>(fci::Error::kCommunicationConstraints)];
-  if (!late || result.fault.ns < realtime::PartWatch::kVeryLong) return "";
-  return fmt::format(". One step of {} took {:.0f} ms: was it that?", title_of(result.fault.part), result.fault.ns * 1e-6);
+// Where commands did not come in time: how many, and a long step is worth a word.
+std::string late(const realtime::SkillResult& result) {
+  if (!result.errors[static_cast<std::size_t>(fci::Error::kCommunicationConstraints)]) return "";
+  std::string text = fmt::format(" ({} states were lost, and of the last 100 commands {})", result.lost_states, result.lost_commands);
+  if (result.fault.ns < realtime::PartWatch::kVeryLong) return text;
+  return text + fmt::format(". One step of {} took {:.0f} ms: was it that?", title_of(result.fault.part), result.fault.ns * 1e-6);
 }
 
 std::string explain(const realtime::SkillResult& result) {
@@ -137,17 +138,13 @@ std::string explain(const realtime::SkillResult& result) {
     case realtime::Ending::kStopped: return "";
     case realtime::Ending::kRobotError:
       if (result.robot_mode == fci::RobotMode::kUserStopped && !fci::any(result.errors)) {
-        return fmt::format("the user stop was pressed after {:.3f} s: release it, then recover (automatic error recovery)", result.time);
+        return fmt::format("the user stop was pressed after {:.3f} s", result.time);
       }
       if (!fci::any(result.errors)) {
-        return fmt::format("the robot ended the motion after {:.3f} s, names no error and is now in mode {}: "
-                           "release the user stop if it is pressed, then recover",
-                           result.time, proto::RobotMode_Name(convert(result.robot_mode)));
+        return fmt::format("the robot ended the motion after {:.3f} s, names no error and is now in mode {}", result.time,
+                           proto::RobotMode_Name(convert(result.robot_mode)));
       }
-      return fmt::format("the robot stopped after {:.3f} s with {}: clear what caused it, then recover "
-                         "(automatic error recovery){}",
-                         result.time, fci::names(result.errors),
-                         late_step(result));
+      return fmt::format("the robot stopped after {:.3f} s with {}{}", result.time, fci::names(result.errors), late(result));
     case realtime::Ending::kRefused:
       if (result.status == fci::Status::kFailed) {
         return fmt::format("the robot did not answer {} in time. Nothing has moved", fci::name(result.refused));
@@ -248,6 +245,7 @@ std::string errors_of(const fci::RobotState& state) {
     case fci::RobotMode::kGuiding: return "the arm is being guided by hand";
     case fci::RobotMode::kReflex: return "a reflex stopped it";
     case fci::RobotMode::kOther: return "it is locked or its FCI is not active";
+    case fci::RobotMode::kIdle: return "the user stop was pressed";  // and released: nothing else holds an idle robot
     default: return "another program moves it";
   }
 }
@@ -256,6 +254,9 @@ void convert(const realtime::SkillResult& result, proto::SkillResult& out) {
   out.set_skill_id(result.skill_id);
   out.set_ending(convert(result.ending));
   out.set_time(result.time);
+  out.set_path_time(result.path_time);
+  out.set_lost_states(result.lost_states);
+  out.set_lost_commands(result.lost_commands);
   out.set_stretch(result.stretch);
   out.set_limited_cycles(result.limited_cycles);
   out.set_held_by(convert(result.held_by));

@@ -52,8 +52,14 @@ bool in_error(const realtime::Record& record) {
 RecordingFolder::RecordingFolder(const RecordingsConfig& config, const std::string& arm)
     : folder_(fs::path(config.folder) / arm), most_(static_cast<std::uint64_t>(config.max_gb * 1e9)) {}
 
+void RecordingFolder::make() const { fs::create_directories(folder_); }
+
 fs::path RecordingFolder::new_file(const std::string& what) const {
-  fs::create_directories(folder_);
+  make();
+  return path_now(what);
+}
+
+fs::path RecordingFolder::path_now(const std::string& what) const {
   const std::int64_t now = clock_ns(CLOCK_REALTIME);
   const std::time_t second = now / 1'000'000'000;
   std::tm utc{};
@@ -95,9 +101,12 @@ Recorder::~Recorder() {
   thread_.join();
 }
 
-void Recorder::keep(const std::string& why) {
+std::string Recorder::keep(const std::string& why) {
+  if (config_.mode == RecordingsConfig::Mode::kOff) return {};
   const std::lock_guard lock(mutex_);
+  if (!keeps_ && keep_why_.empty()) keep_file_ = folder_.path_now("error-" + why);
   if (keep_why_.empty()) keep_why_ = why;
+  return keep_file_;
 }
 
 proto::RecordingStatus Recorder::ask(const proto::Record& request) {
@@ -224,24 +233,27 @@ void Recorder::start(const Recording::Options& options) {
 
 // The ten seconds before what it is kept for, and one after it.
 void Recorder::look_after_black_box() {
-  std::string why;
+  std::string why, path;
   {
     const std::lock_guard lock(mutex_);
+    const bool over = kept_ && keep_why_.empty() && Clock::now() > kept_until_;
+    keeps_ = !over && (kept_ || !keep_why_.empty());
     why = std::exchange(keep_why_, {});
+    path = keep_file_;
   }
-  if (!why.empty() && config_.mode != RecordingsConfig::Mode::kOff) {
+  if (!why.empty()) {
     kept_until_ = Clock::now() + kAfterError;
     if (!kept_) {
       try {
-        const fs::path path = folder_.new_file("error-" + why);
+        folder_.make();
         kept_ = std::make_unique<Recording>(box_, path, Recording::Options{BlackBox::kKept, 1}, about(arm_, why));
-        spdlog::info("the black box is written to {}", path.string());
+        spdlog::info("the black box is written to {}", path);
       } catch (const std::system_error& error) {
         give_up(kept_, error.what());
       }
     }
   }
-  if (kept_ && Clock::now() > kept_until_) close(kept_);
+  if (!keeps_) close(kept_);
 }
 
 // Nothing twice, and nothing left out.

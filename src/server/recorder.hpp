@@ -24,9 +24,11 @@ class RecordingFolder {
  public:
   RecordingFolder(const RecordingsConfig& config, const std::string& arm);
 
-  // A new file's path, "2026-11-22T14-53-10.123Z-<what>.mcap", in the folder, which is made where it is missing. Throws
-  // std::system_error.
+  // A path for a new file: "2026-11-22T14-53-10.123Z-<what>.mcap" in the folder.
+  std::filesystem::path path_now(const std::string& what) const;
+  // The same; the folder is made where it is missing. Throws std::system_error.
   std::filesystem::path new_file(const std::string& what) const;
+  void make() const;
 
   // Deletes the oldest files, none of the open ones, until all are within the limit; false when that is not enough.
   bool make_room(const std::vector<std::filesystem::path>& open) const;
@@ -47,8 +49,9 @@ class Recorder {
 
   BlackBox& box() { return box_; }
 
-  // From any thread: what happens now is worth the black box.
-  void keep(const std::string& why);
+  // From any thread: what happens now is worth the black box. The file's path, which is complete a second after the last such
+  // call; empty where nothing is recorded.
+  std::string keep(const std::string& why);
 
   // What a client asks for: to record all the time or no longer; not said: as it is. And what there is.
   frankapy::proto::RecordingStatus ask(const frankapy::proto::Record& request);
@@ -87,7 +90,8 @@ class Recorder {
 
   mutable std::mutex mutex_;
   bool asked_for_ = false;
-  std::string keep_why_;
+  std::string keep_why_, keep_file_;  // what is to be kept, and the file of what is or was last
+  bool keeps_ = false;                // keep_file_ is open
   frankapy::proto::RecordingStatus status_;
 
   std::atomic<bool> quit_{false};

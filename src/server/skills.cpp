@@ -9,9 +9,12 @@
 #include <memory>
 #include <utility>
 
+#include "frankapy/proto/controllers.pb.h"
+#include "frankapy/proto/trajectories.pb.h"
 #include "server/convert.hpp"
 #include "server/publisher.hpp"
 #include "server/recorder.hpp"
+#include "server/recovery.hpp"
 #include "server/refused.hpp"
 #include "server/registry.hpp"
 #include "server/sensor_hub.hpp"
@@ -74,10 +77,20 @@ std::string explain(const realtime::Left& left) {
          " away from its goal: does something hold it, do limits keep it from there, or are its gains too low?";
 }
 
+// Why what was before a skill's end is to be kept; empty where nobody will ask.
+std::string worth_keeping(const realtime::SkillResult& result, const realtime::Record& record) {
+  switch (result.ending) {
+    case realtime::Ending::kRobotError: return fci::any(result.errors) ? fci::names(result.errors) : errors_of(record.state);
+    case realtime::Ending::kConnectionLost: return "connection-lost";
+    case realtime::Ending::kComponentFault: return "component-fault";
+    default: return {};
+  }
+}
+
 }  // namespace
 
-Skills::Skills(realtime::Door& door, Publisher& publisher, SensorHub& sensors, Recorder& recorder, ConnectedArm& arm, Clients& clients,
-               Answers& answers, ClientJobs& jobs)
+Skills::Skills(realtime::Door& door, Publisher& publisher, SensorHub& sensors, Recorder& recorder, ConnectedArm& arm,
+               Clients& clients, Answers& answers, ClientJobs& jobs, Recovery& recovery)
     : door_(door),
       publisher_(publisher),
       sensors_(sensors),
@@ -85,7 +98,8 @@ Skills::Skills(realtime::Door& door, Publisher& publisher, SensorHub& sensors, R
       arm_(arm),
       clients_(clients),
       answers_(answers),
-      jobs_(jobs) {}
+      jobs_(jobs),
+      recovery_(recovery) {}
 
 Skills::~Skills() { take_results(); }
 
@@ -273,13 +287,7 @@ void Skills::put_on_workbench(std::shared_ptr<Build> build, void (Skills::*go_on
   const Address from = build->from;
   jobs_.put(
       from,
-      [this, build] {
-        SkillBuilder& builder = *build->connection.builder;
-        const auto& walls = *build->connection.walls;
-        builder.keep_from(std::make_unique<realtime::Walls>(walls.walls), walls.names);
-        builder.keep_to(build->connection.limits);
-        build->skill = builder.build(build->message, require_state(), build->after ? &*build->after : nullptr, build->path);
-      },
+      [this, build] { make(*build); },
       [this, build, go_on] {
         clients_.known(build->from);
         if (arm_.require().builder != build->connection.builder) {
@@ -287,6 +295,15 @@ void Skills::put_on_workbench(std::shared_ptr<Build> build, void (Skills::*go_on
         }
         (this->*go_on)(*build);
       });
+}
+
+// On the workbench.
+void Skills::make(Build& build) {
+  SkillBuilder& builder = *build.connection.builder;
+  const auto& walls = *build.connection.walls;
+  builder.keep_from(std::make_unique<realtime::Walls>(walls.walls), walls.names);
+  builder.keep_to(build.connection.limits);
+  build.skill = builder.build(build.message, require_state(), build.after ? &*build.after : nullptr, build.path);
 }
 
 void Skills::take_changes() {
@@ -377,22 +394,103 @@ void Skills::end(const realtime::SkillResult& result) {
   if (result.record && door_.records.read(*result.record, record)) {
     *out.mutable_last_state() = publisher_.state(record);
   } else if (const auto newest = publisher_.newest()) {
-    *out.mutable_last_state() = publisher_.state(*newest);
+    record = *newest;
+    *out.mutable_last_state() = publisher_.state(record);
   }
-  if (!out.message().empty()) spdlog::warn("skill {}: {}", result.skill_id, out.message());
   sensors_.release(result.skill_id);  // what is published by who then knows of the end is for the next
-  answers_.send(running->second.starter, reply);
-  if (result.ending == realtime::Ending::kComponentFault) recorder_.keep("component-fault");
-  proto::SkillEvent event;
-  *event.mutable_ended() = reply.skill_result();
-  event.mutable_ended()->clear_last_state();
-  note(event, result.skill_id, running->second.starter);
-  results_[result.skill_id] = std::move(*reply.mutable_skill_result());
-  if (results_.size() > kMaxResults) results_.erase(results_.begin());
-  running_.erase(running);
+  if (running->second.client_is_gone) out.set_client_is_gone(true);
+  const std::string why = worth_keeping(result, record);
+  const std::string black_box = why.empty() ? running->second.black_box : recorder_.keep(why);
+  if (!black_box.empty()) out.set_black_box(black_box);
+  if (result.ending == realtime::Ending::kRobotError) {
+    const proto::RecoveryPolicy policy = running->second.message.recovery();
+    const std::uint64_t id = result.skill_id;
+    recovery_.after_error(result, record, policy, [this, id, reply = std::move(reply)](const proto::Recovery& recovery) mutable {
+      auto& out = *reply.mutable_skill_result();
+      *out.mutable_recovery() = recovery;
+      const char* ready = recovery.by_itself() ? "it has recovered by itself" : "it is ready";
+      const std::string now = recovery.recovered() ? ready : recovery.message();
+      out.set_message(fmt::format("{}: {}", out.message(), now));
+      tell(id, reply);
+    });
+  } else {
+    recovery_.after(result.ending);
+    tell(result.skill_id, reply);
+  }
   if (result.ending != realtime::Ending::kTerminated && !queue_.empty() && queue_.front()->after == result.skill_id) {
     cancel_queue(realtime::Ending::kCancelled);
   }
+}
+
+// Its starter, and all who ask.
+void Skills::tell(std::uint64_t id, proto::Reply& reply) {
+  const auto found = running_.find(id);
+  if (found == running_.end()) return;
+  const Running running = std::move(found->second);
+  running_.erase(found);
+  proto::SkillResult& out = *reply.mutable_skill_result();
+  if (!out.message().empty()) spdlog::warn("skill {}: {}", id, out.message());
+  if (running.done) {
+    const bool there = out.ending() == proto::TERMINATED;
+    return running.done(there ? "" : fmt::format("it ended with {} {}", proto::Ending_Name(out.ending()), out.message()));
+  }
+  answers_.send(running.starter, reply);
+  proto::SkillEvent event;
+  *event.mutable_ended() = out;
+  event.mutable_ended()->clear_last_state();
+  note(event, id, running.starter);
+  results_[id] = std::move(out);
+  if (results_.size() > kMaxResults) results_.erase(results_.begin());
+}
+
+void Skills::client_is_gone(const std::string& black_box) {
+  for (auto& [id, running] : running_) {
+    running.client_is_gone = true;
+    running.black_box = black_box;
+  }
+}
+
+void Skills::move_back(const realtime::Vector7& q, std::function<void(const std::string&)> done) {
+  constexpr double kSpeed = 0.05, kPeak = 1.875;  // rad/s at most; of a minimum-jerk motion's mean speed
+  try {
+    auto build = std::make_shared<Build>();
+    build->connection = arm_.require();
+    build->skill_id = next_id();
+    build->message.set_description("back inside the joints' range");
+    const realtime::Vector7 now = realtime::Vector7::Map(require_state().state.q.data());
+    proto::MinJerkJoint motion;
+    for (double each : q) motion.add_q(each);
+    motion.set_duration(std::max(1., kPeak * (q - now).cwiseAbs().maxCoeff() / kSpeed));
+    build->message.mutable_trajectory()->PackFrom(motion);
+    build->message.mutable_controller()->PackFrom(proto::InternalImpedance());
+    const auto why_not = std::make_shared<std::string>();
+    jobs_.put(
+        build->from,
+        [this, build, why_not] {
+          try {
+            make(*build);
+          } catch (const std::exception& error) {
+            *why_not = error.what();
+          }
+        },
+        [this, build, why_not, done] {
+          if (!build->skill) return done(*why_not);
+          if (arm_.lost()) return done("the connection to the robot was lost");
+          begin_own(*build, done);
+        });
+  } catch (const Refused& refused) {
+    done(refused.what());
+  }
+}
+
+void Skills::begin_own(Build& build, std::function<void(const std::string&)> done) {
+  auto skill = std::move(build.skill);
+  const std::uint64_t id = skill->id = build.skill_id;
+  publisher_.describe(id, build.message.description());
+  Running running{build.from, {}, skill->trajectory->goal(), std::move(build.message), skill->mode, skill->settings};
+  running.done = std::move(done);
+  running_.emplace(id, std::move(running));
+  if (const auto unread = door_.next.put(std::move(skill))) end({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});
 }
 
 void Skills::abandon(const std::string& why) {

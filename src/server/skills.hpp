@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -19,6 +20,7 @@ namespace server {
 
 class Publisher;
 class Recorder;
+class Recovery;
 class SensorHub;
 
 // The skills of an arm from request to result: built on the workbench, queued, handed through the door, changed, ended; and what
@@ -26,7 +28,7 @@ class SensorHub;
 class Skills {
  public:
   Skills(realtime::Door& door, Publisher& publisher, SensorHub& sensors, Recorder& recorder, ConnectedArm& arm, Clients& clients,
-         Answers& answers, ClientJobs& jobs);
+         Answers& answers, ClientJobs& jobs, Recovery& recovery);
   ~Skills();
 
   // For a request that may start one: ids grow in the order of arrival, so that a Stop stops all that came before it.
@@ -38,6 +40,13 @@ class Skills {
   void check(const Address& from, frankapy::proto::Request& request);
   void stop(const Address& from);
   void tell_status(const Address& from, std::uint64_t id);
+
+  // The server's own: the arm goes slowly to these joints (rad), which are near. `done` is told why it has not got there, and
+  // nothing where it has.
+  void move_back(const realtime::Vector7& q, std::function<void(const std::string&)> done);
+
+  // The client that commands the arm has fallen silent; this file has what was before.
+  void client_is_gone(const std::string& black_box);
 
   // Whether something of the loop is waited for.
   bool busy() const { return !running_.empty() || changing_; }
@@ -60,6 +69,9 @@ class Skills {
     frankapy::proto::Skill message;
     robot::Mode mode;
     robot::Settings settings;
+    std::function<void(const std::string&)> done = nullptr;  // of the server's own
+    std::string black_box = {};                               // once its client is gone
+    bool client_is_gone = false;
   };
   struct Changing {
     Address from;
@@ -91,9 +103,12 @@ class Skills {
   frankapy::proto::Skill changed(const Address& from, const frankapy::proto::ChangeSkill& change) const;
   void begin_change(Build& build);
   void tell_checked(Build& build);
+  void make(Build& build);
   void put_on_workbench(std::shared_ptr<Build> build, void (Skills::*go_on)(Build&));
   void cancel_queue(realtime::Ending ending);
   void end(const realtime::SkillResult& result);
+  void begin_own(Build& build, std::function<void(const std::string&)> done);
+  void tell(std::uint64_t id, frankapy::proto::Reply& reply);
   void note(frankapy::proto::SkillEvent& event, std::uint64_t skill, const Address& from);
 
   realtime::Door& door_;
@@ -104,6 +119,7 @@ class Skills {
   Clients& clients_;
   Answers& answers_;
   ClientJobs& jobs_;
+  Recovery& recovery_;
 
   std::uint64_t last_skill_ = 0;
   std::map<std::uint64_t, Running> running_;  // by id; those that are queued as well

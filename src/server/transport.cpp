@@ -42,21 +42,6 @@ std::string version_name(const proto::Hello& hello) {
   return "none";
 }
 
-std::string explain(const realtime::RecoveryResult& result) {
-  switch (result.robot_mode) {
-    case fci::RobotMode::kUserStopped: return "the user stop is pressed: release it, then recover";
-    case fci::RobotMode::kGuiding: return "the arm is being guided by hand: let go of the guiding button, then recover";
-    default: break;
-  }
-  if (result.accepted) {
-    return "the robot took AutomaticErrorRecovery but is not ready to move: what has stopped it may be there still. Look whether "
-           "the arm presses against something";
-  }
-  if (result.status == fci::Status::kFailed) return "the robot gave no answer to AutomaticErrorRecovery in time: try again";
-  return fmt::format("the robot refused AutomaticErrorRecovery: {}. Look at its lights and its Desk page",
-                     fci::name(result.status));
-}
-
 std::string set_up(zmq::socket_t& socket, const Listen& listen, std::uint16_t port) {
   socket.set(zmq::sockopt::linger, 200);
   socket.set(zmq::sockopt::maxmsgsize, kMaxMessage);
@@ -90,7 +75,8 @@ Transport::Transport(zmq::context_t& context, const Listen& listen, std::uint16_
       inbox_(socket_, listen.keys),
       clients_(options.lease_time),
       arm_(door, std::move(walls), std::move(limits), gripper != nullptr),
-      skills_(door, publisher, sensors, recorder, arm_, clients_, answers_, jobs_),
+      recovery_(door, arm_, options.recovery, [this](const auto& q, auto done) { skills_.move_back(q, std::move(done)); }),
+      skills_(door, publisher, sensors, recorder, arm_, clients_, answers_, jobs_, recovery_),
       jobs_(answers_) {
   google::protobuf::SetLogHandler(nullptr);  // it writes a line for whatever it cannot read
 }
@@ -98,7 +84,7 @@ Transport::Transport(zmq::context_t& context, const Listen& listen, std::uint16_
 void Transport::run(const std::atomic<bool>& quit) {
   const Preferred preferred;
   while (!quit) {
-    const bool busy = skills_.busy() || !gripping_.empty() || !recovering_.empty();
+    const bool busy = skills_.busy() || !gripping_.empty() || recovery_.busy();
     std::array<zmq::pollitem_t, 2> items = {{{socket_.handle(), 0, ZMQ_POLLIN, 0}, {nullptr, jobs_.fd(), ZMQ_POLLIN, 0}}};
     zmq::poll(items, inbox_.waiting() > 0 ? std::chrono::milliseconds(0) : busy ? kBusyWait : kIdleWait);
     clients_.set_time(clock_ ? clock_() : wakeful_clock_.now());
@@ -111,9 +97,9 @@ void Transport::run(const std::atomic<bool>& quit) {
     skills_.take_changes();
     skills_.hand_on_queued();
     arm_.take_back();
-    take_recoveries();
+    recovery_.take_results();
     take_gripper_results();
-    if (clients_.expire_lease() && skills_.any_run()) recorder_.keep("a-client-is-gone");  // in the middle of its skill
+    if (clients_.expire_lease() && skills_.any_run()) skills_.client_is_gone(recorder_.keep("a-client-is-gone"));
     rounds_.fetch_add(1, std::memory_order_relaxed);
   }
 }
@@ -228,7 +214,7 @@ void Transport::answer(const Address& from, proto::Request& request, std::uint64
     case proto::Request::kStopSkill: return skills_.stop(from);
     case proto::Request::kSkillStatus: return skills_.tell_status(from, request.skill_status().skill_id());
     case proto::Request::kGripper: return start_gripper(from, request.gripper());
-    case proto::Request::kRecover: return recover(from);
+    case proto::Request::kRecover: return recover(from, request.recover());
     case proto::Request::kAlive: return answers_.send_done(from);
     case proto::Request::kGoodbye: return goodbye(from);
     case proto::Request::kListArms:
@@ -336,12 +322,15 @@ void Transport::start_gripper(const Address& from, const proto::GripperCommand& 
   answers_.send(from, reply);
 }
 
-void Transport::recover(const Address& from) {
+void Transport::recover(const Address& from, const proto::Recover& recover) {
   clients_.require_lease(from);
   arm_.require();
   clients_.take_lease(from);
-  recovering_.push_back(from);
-  door_.recover.store(true);
+  recovery_.ask(recover, skills_.require_state(), [this, from](const proto::Recovery& recovery) {
+    proto::Reply reply;
+    *reply.mutable_recovery() = recovery;
+    answers_.send(from, reply);
+  });
 }
 
 void Transport::goodbye(const Address& from) {
@@ -350,20 +339,6 @@ void Transport::goodbye(const Address& from) {
 }
 
 // --- what comes from the other threads ---------------------------------------------------------------------------
-
-void Transport::take_recoveries() {
-  while (const realtime::RecoveryResult* result = door_.recoveries.front()) {
-    for (const Address& client : recovering_) {
-      if (result->recovered) {
-        answers_.send_done(client);
-      } else {
-        answers_.send_error(client, proto::Error::NOT_READY, "not recovered: " + explain(*result));
-      }
-    }
-    recovering_.clear();
-    door_.recoveries.pop();
-  }
-}
 
 void Transport::take_gripper_results() {
   if (gripper_ == nullptr) return;
@@ -380,12 +355,9 @@ void Transport::take_gripper_results() {
 void Transport::take_disconnection() {
   const auto why_not = arm_.lost();
   if (!why_not) return;
+  skills_.take_results();  // of which some may want to recover
+  recovery_.abandon(*why_not);
   skills_.abandon(*why_not);
-  door_.recover.store(false);
-  for (const Address& client : recovering_) {
-    answers_.send_error(client, proto::Error::NOT_READY, "not recovered: " + *why_not);
-  }
-  recovering_.clear();
   arm_.settle();
 }
 

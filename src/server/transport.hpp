@@ -7,7 +7,6 @@
 #include <map>
 #include <memory>
 #include <string>
-#include <vector>
 #include <zmq.hpp>
 
 #include "frankapy/proto/service.pb.h"
@@ -18,6 +17,7 @@
 #include "server/connected_arm.hpp"
 #include "server/inbox.hpp"
 #include "server/limit_store.hpp"
+#include "server/recovery.hpp"
 #include "server/skill_builder.hpp"
 #include "server/skills.hpp"
 #include "server/sockets.hpp"
@@ -45,6 +45,7 @@ class Transport {
   struct Options {
     std::chrono::milliseconds lease_time{800};  // of a client's silence, after which its lease is free
     std::function<std::chrono::steady_clock::duration()> clock = {};  // for that; none: a WakefulClock
+    RecoveryConfig recovery = {};
   };
 
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
@@ -92,10 +93,9 @@ class Transport {
   void change_walls(const Address& from, const frankapy::proto::ChangeWalls& change);
   void change_limits(const Address& from, const frankapy::proto::ChangeLimits& change);
   void start_gripper(const Address& from, const frankapy::proto::GripperCommand& command);
-  void recover(const Address& from);
+  void recover(const Address& from, const frankapy::proto::Recover& recover);
   void goodbye(const Address& from);
 
-  void take_recoveries();
   void take_gripper_results();
   void take_disconnection();
   void take_time(Clients::Client& client, const frankapy::proto::Request& request);
@@ -115,10 +115,10 @@ class Transport {
   Inbox inbox_;
   Clients clients_;
   ConnectedArm arm_;
-  std::vector<Address> recovering_;
   std::uint64_t last_ticket_ = 0;
   std::map<std::uint64_t, Address> gripping_;
   std::atomic<std::uint64_t> rounds_{0};
+  Recovery recovery_;
   Skills skills_;
   ClientJobs jobs_;  // goes first, as what is on the workbench uses the rest
 };

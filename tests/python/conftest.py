@@ -142,6 +142,6 @@ def default_arm(start_for_module):
 def fa(ideal_arm):
     """Return a client of the ideal arm, which is brought home."""
     with ideal_arm.client() as fa:
-        fa.wait_for_franka_interface()
+        fa.recover()
         fa.goto_joints(HOME, 1)
         yield fa

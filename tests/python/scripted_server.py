@@ -102,6 +102,9 @@ class ScriptedServer:
             self._skills += 1
             self._running.append((time.monotonic() + self.skill_time, identity, number, self._skills))
             self._send(identity, number, skill_started=proto.SkillStarted(skill_id=self._skills))
+        elif kind == "recover":
+            self.phase = proto.READY
+            self._send(identity, number, recovery=proto.Recovery(recovered=True))
         elif kind == "stop_skill":
             self._running = [(0.0, *rest) for _, *rest in self._running]
             self._send(identity, number, done=proto.Done())
@@ -116,8 +119,6 @@ class ScriptedServer:
             self._gripping.append((0.0 if stop else time.monotonic() + self.gripper_time, identity, number))
             self._send(identity, number, gripper_started=proto.GripperStarted())
         else:
-            if kind == "recover":
-                self.phase = proto.READY
             self._send(identity, number, done=proto.Done())
 
     def _send(self, identity: bytes, number: int, **answer):

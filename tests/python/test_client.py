@@ -141,11 +141,15 @@ def test_a_failed_skill_raises_or_warns_as_asked_for(server, arm, caplog):
     server.result = {"ending": proto.ROBOT_ERROR, "message": "cartesian_reflex: the arm hit something"}
     with pytest.raises(FrankaArmException, match="cartesian_reflex"):
         arm.goto_joints(HOME, 1, ignore_errors=False)
-    server.phase = proto.ERROR
     with caplog.at_level(logging.WARNING, "frankapy"):
+        server.result["recovery"] = proto.Recovery(recovered=True, by_itself=True)
         arm.goto_joints(HOME, 1)
     assert "cartesian_reflex" in caplog.text
-    assert len(server.calls("recover")) == 1
+    assert not server.calls("recover")
+    assert [call.start_skill.skill.recovery.who for call in server.calls("start_skill")] == [
+        proto.RecoveryPolicy.ASK,
+        proto.RecoveryPolicy.ITSELF,
+    ]
 
 
 def test_is_skill_done_raises_when_errors_are_not_ignored(server, arm):
@@ -507,13 +511,13 @@ def test_a_slow_reader_loses_what_comes_while_too_many_wait():
 def test_errors_name_what_python_calls_what_is_to_be_done(server, arm, monkeypatch):
     monkeypatch.setattr(connection, "_LEASE_TIME", 0)
     server.refusals = [refusal(proto.Error.NOT_READY, "the user stop is pressed: release it, then recover")]
-    with pytest.raises(FrankaArmException, match=r"fa\.wait_for_franka_interface\(\)"):
+    with pytest.raises(FrankaArmException, match=r"fa\.recover\(\)"):
         arm.goto_joints(HOME, 1, ignore_errors=False)
     server.refusals = [refusal(proto.Error.BUSY, "skill 3 still runs: wait for it, preempt it or queue behind it")]
     with pytest.raises(FrankaArmBusyException, match=r"fa\.run\(\.\.\., preempt=True\)"):
         arm.goto_joints(HOME, 1)
     server.result = {"ending": proto.ROBOT_ERROR, "message": "clear what caused it, then recover"}
-    with pytest.raises(FrankaArmException, match=r"fa\.wait_for_franka_interface\(\)"):
+    with pytest.raises(FrankaArmException, match=r"fa\.recover\(\)"):
         arm.goto_joints(HOME, 1, ignore_errors=False)
 
 

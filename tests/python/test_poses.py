@@ -48,7 +48,7 @@ def arm(start_for_module, robot):
 @pytest.fixture
 def fa(arm):
     with arm.client() as fa:
-        fa.wait_for_franka_interface()
+        fa.recover()
         fa.reset_joints()
         yield fa
 
@@ -176,14 +176,15 @@ def test_a_posture_in_which_the_arm_meets_itself_is_not_followed(fa, arm):
 
 
 def test_the_next_motion_goes_after_the_arm_has_run_into_the_floor(fa, arm, robot):
-    """A goal below the floor, hard and fast: the robot stops, recovers, and takes a pose from where it is.
+    """A goal below the floor, hard and fast: the robot stops, is recovered, and takes a pose from where it is.
 
     It leans forward there, far from singular postures, so that the way up is free wherever it comes to rest.
     """
     gains = {"use_impedance": True, "k_gains": [3000] * 7, "d_gains": [10] * 7, "ignore_virtual_walls": True}
-    fa.goto_joints([0.3, 1.45, 0.2, -1.1, 0.1, 2.4, 0.8], 1, **gains)
+    with pytest.raises(FrankaArmException, match=r"look at the arm .* fa\.recover\(\)"):
+        fa.goto_joints([0.3, 1.45, 0.2, -1.1, 0.1, 2.4, 0.8], 1, **gains)
     assert fa.last_skill_result.ending == proto.ROBOT_ERROR
-    fa.wait_for_franka_interface()
+    fa.recover()
     goal = fa.get_pose()
     goal.translation = goal.translation + [0, 0, 0.05]
     assert drive(fa, arm, robot, lambda: fa.goto_pose(goal, 1, ignore_virtual_walls=True))

@@ -55,7 +55,7 @@ def test_what_comes_after_a_failure_is_cancelled_even_when_it_comes_late(ideal_a
             fa.run(RelativeMinJerkJoint(STEP, LONG))
             ideal_arm.simulation.inject("joint_reflex")
             fa._motions.running.call.final()
-            fa.wait_for_franka_interface()
+            fa.recover()
             fa.run(RelativeMinJerkJoint(STEP, 1))
         assert [result.ending for result in results] == [proto.ROBOT_ERROR, proto.CANCELLED]
 
@@ -102,7 +102,7 @@ def test_behind_a_failure_everything_is_cancelled(ideal_arm):
                 fa.run(RelativeMinJerkJoint(STEP, LONG))
             ideal_arm.simulation.inject("cartesian_reflex")
         assert [result.ending for result in results] == [proto.ROBOT_ERROR] + [proto.CANCELLED] * 3
-        fa.wait_for_franka_interface()
+        fa.recover()
         fa.goto_joints(HOME, 1)
         np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
 

@@ -739,7 +739,11 @@ TEST_F(LoopTest, ReflexWhileHoldingOrIdleIsSurvived) {
   robot.user_stop();
   ASSERT_TRUE(until(Phase::kError, 5));
   robot.release();
+  cycles(20);
+  EXPECT_EQ(last.phase, Phase::kError) << "somebody has to say that the arm may go on";
+  door.recover = true;
   ASSERT_TRUE(until(Phase::kIdle, 5));
+  EXPECT_EQ(posted(fci::Command::kAutomaticErrorRecovery), 1) << "of a user stop there is nothing to recover on the robot";
   give_torque();
   ASSERT_TRUE(until_result());
   EXPECT_EQ(results[1].ending, Ending::kTerminated);
@@ -753,6 +757,47 @@ TEST_F(LoopTest, UserStopWhileStartingEndsTheSkill) {
   ASSERT_TRUE(until_result(5));
   EXPECT_EQ(results[0].ending, Ending::kRobotError);
   EXPECT_EQ(results[0].robot_mode, fci::RobotMode::kUserStopped);
+}
+
+TEST_F(LoopTest, AUserStopBeforeAnySkillStopsNothing) {
+  robot.user_stop();
+  ASSERT_TRUE(until(Phase::kError, 5));
+  robot.release();
+  EXPECT_TRUE(until(Phase::kIdle, 5));
+}
+
+TEST_F(LoopTest, AUserStopThatIsStillPressedIsNotRecoveredFrom) {
+  give_internal();
+  ASSERT_TRUE(until(Phase::kRunning));
+  robot.user_stop();
+  ASSERT_TRUE(until(Phase::kError, 5));
+  robot.refused = fci::Command::kAutomaticErrorRecovery;  // as robots do then
+  door.recover = true;
+  ASSERT_TRUE(until([&] { return !recoveries.empty(); }, 20));
+  EXPECT_FALSE(recoveries[0].recovered);
+  EXPECT_EQ(recoveries[0].robot_mode, fci::RobotMode::kUserStopped);
+  robot.refused.reset();
+  robot.release();
+  cycles(5);
+  EXPECT_EQ(last.phase, Phase::kError);
+  door.recover = true;
+  EXPECT_TRUE(until(Phase::kIdle, 5));
+}
+
+TEST_F(LoopTest, AResultSaysHowFarItCameAndWhatWasLost) {
+  robot.ticks = {1, 1, 1, 1, 1, 1, 1, 3};
+  give_internal(0.5, 1);
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.3; }));
+  const std::uint64_t lost = last.lost_states;
+  robot.lose = 5;
+  cycles(10);
+  robot.reflex(fci::Error::kCommunicationConstraints);
+  ASSERT_TRUE(until_result(5));
+  EXPECT_NEAR(results[0].path_time, results[0].time, 0.003);
+  EXPECT_GE(results[0].path_time, 0.3);
+  EXPECT_GE(results[0].lost_states, lost);
+  EXPECT_LE(results[0].lost_states, lost + 6);
+  EXPECT_EQ(results[0].lost_commands, 1u) << "in a hundred, as this robot says";
 }
 
 TEST_F(LoopTest, AUserStopIsNotTheReflexBeforeIt) {

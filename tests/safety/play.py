@@ -44,7 +44,7 @@ MOST_WALLS = 5
 SWITCHES = 5  # times some skills, of an event that is made of them
 # Far enough for pushes of 30 N: what the campaign looks for are not reflexes of the robot.
 THRESHOLDS = "lower_{0} = {1}\nupper_{0} = {2}\n"
-SETTINGS = "[arm.collision]\n" + "".join(
+SETTINGS = '[arm.recovery]\ncollisions = "itself"\nuser_stop = "itself"\n[arm.collision]\n' + "".join(
     THRESHOLDS.format(f"{what}_thresholds", [20] * count, [most] * count)
     for what, count, most in (("torque", 7, 100), ("force", 6, 120))
 )
@@ -328,6 +328,8 @@ class Player:
 
     def _connect(self) -> None:
         self._fa, self._other = (FrankaArm(server=self._tapped.server, with_gripper=False) for _ in range(2))
+        for client in (self._fa, self._other):
+            client.recovery = 1000  # times in a row: nobody is there to be asked
 
     def _home_joints(self) -> None:
         self._run({"trajectory": MinJerkJoint(HOME, 1.0)})

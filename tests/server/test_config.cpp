@@ -41,6 +41,11 @@ quaternion = [0.7071067811865476, 0, 0, 0.7071067811865476]
 [arm.limits]
 velocity = 0.5
 tool_speed = 0.25
+[arm.recovery]
+errors = "ask"
+collisions = "never"
+user_stop = "itself"
+times = 3
 [arm.collision]
 lower_torque_thresholds = [1, 2, 3, 4, 5, 6, 7]
 upper_torque_thresholds = [10, 20, 30, 40, 50, 60, 70]
@@ -61,6 +66,11 @@ address = "172.16.0.3"
   EXPECT_EQ(left.limits.jerk, 1);
   EXPECT_EQ(left.limits.tool_speed, 0.25);
   EXPECT_FALSE(left.limits.power);
+  using Policy = frankapy::proto::RecoveryPolicy;
+  EXPECT_EQ(left.recovery.errors, Policy::ASK);
+  EXPECT_EQ(left.recovery.collisions, Policy::NEVER);
+  EXPECT_EQ(left.recovery.user_stop, Policy::ITSELF);
+  EXPECT_EQ(left.recovery.times, 3u);
   ASSERT_TRUE(left.settings.load);
   EXPECT_EQ(left.settings.load->m_load, 0.5);
   EXPECT_EQ(left.settings.load->F_x_Cload[2], 0.05);
@@ -75,6 +85,9 @@ address = "172.16.0.3"
   EXPECT_EQ(config.arms[1].model, "auto");
   EXPECT_TRUE(config.arms[1].gripper);
   EXPECT_FALSE(config.arms[1].settings.load);
+  EXPECT_EQ(config.arms[1].recovery.errors, Policy::ITSELF);
+  EXPECT_EQ(config.arms[1].recovery.collisions, Policy::ASK);
+  EXPECT_EQ(config.arms[1].recovery.user_stop, Policy::ASK);
   EXPECT_EQ(config.arms[1].settings.collision_behavior, robot::kCollisionBehavior);
 }
 
@@ -148,6 +161,9 @@ TEST(Config, EachErrorSaysWhereWhatAndWhatElse) {
       {kArm + "[arm.limits]\nvelocity = 1.5\n", "arms.toml:5: arm.limits.velocity = 1.5: expected a factor, 0.01 to 1"},
       {kArm + "[arm.limits]\npower = 0\n", "arms.toml:5: arm.limits.power = 0: expected 1 to 10000 W"},
       {kArm + "[arm.limits]\nspeed = 1\n", "arms.toml:5: unknown key arm.limits.speed; known are velocity"},
+      {kArm + "[arm.recovery]\nerrors = 3\n", "arms.toml:5: arm.recovery.errors = 3: expected \"itself\", \"ask\" or \"never\""},
+      {kArm + "[arm.recovery]\nuser_stop = \"never\"\n", "arms.toml:5: arm.recovery.user_stop = 'never': expected \"itself\" or \"ask\""},
+      {kArm + "[arm.recovery]\ntimes = 0\n", "arms.toml:5: arm.recovery.times = 0: expected a whole number, 1 to 1000"},
       {kArm + "[arm.collision]\n", "arms.toml:4: arm.collision.lower_torque_thresholds is missing"},
       {kArm + kArm, "arms.toml:4: arm.name = 'left': another arm has this name"},
       {kArm + "[[arm]]\nname='b'\naddress='172.16.0.2'\n", "arms.toml:4: arm.address = '172.16.0.2': another arm"},

@@ -115,9 +115,9 @@ TEST(Convert, AResultSaysWhatHappenedAndWhatToDo) {
   EXPECT_EQ(text({.ending = realtime::Ending::kTerminated}), "");
   EXPECT_EQ(text({.ending = realtime::Ending::kStopped}), "");
   realtime::SkillResult error{.ending = realtime::Ending::kRobotError, .time = 1.25};
-  EXPECT_NE(text(error).find("recover"), std::string::npos);
+  EXPECT_NE(text(error).find("names no error"), std::string::npos);
   realtime::SkillResult stopped{.ending = realtime::Ending::kRobotError, .time = 1.25, .robot_mode = fci::RobotMode::kUserStopped};
-  EXPECT_EQ(text(stopped), "the user stop was pressed after 1.250 s: release it, then recover (automatic error recovery)");
+  EXPECT_EQ(text(stopped), "the user stop was pressed after 1.250 s");
   error.errors[6] = true;
   EXPECT_NE(text(error).find("after 1.250 s with joint_reflex"), std::string::npos) << text(error);
   realtime::SkillResult refused{.ending = realtime::Ending::kRefused, .status = fci::Status::kInvalidArgument};
@@ -140,6 +140,9 @@ TEST(Convert, AResultSaysWhatHappenedAndWhatToDo) {
   EXPECT_EQ(text(error).find("One step of"), std::string::npos) << "which is not late";
   error.errors[static_cast<std::size_t>(fci::Error::kCommunicationConstraints)] = true;
   EXPECT_NE(text(error).find("One step of the controller CartesianImpedance took 30 ms"), std::string::npos) << text(error);
+  error.lost_states = 3;
+  error.lost_commands = 21;
+  EXPECT_NE(text(error).find("(3 states were lost, and of the last 100 commands 21)"), std::string::npos) << text(error);
 }
 
 TEST(Convert, WhatTheArmWaitsForIsNoOlderReflex) {

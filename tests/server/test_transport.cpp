@@ -48,6 +48,32 @@ class TransportTest : public testing::Test {
     door_.records.push(record_);
   }
 
+  // The robot stops with that error, and is ready again.
+  void fail(fci::Error error) {
+    record_.phase = realtime::Phase::kError;
+    record_.state.robot_mode = fci::RobotMode::kReflex;
+    record_.state.errors = {};
+    record_.state.errors[static_cast<std::size_t>(error)] = true;
+    publish();
+  }
+  void get_well() {
+    record_.phase = realtime::Phase::kIdle;
+    record_.state.robot_mode = fci::RobotMode::kIdle;
+    record_.state.errors = {};
+    publish();
+  }
+  // What the loop says, once it is asked to recover: with the newest record.
+  void answer(realtime::RecoveryResult result) {
+    while (!door_.recover.exchange(false)) std::this_thread::sleep_for(100us);
+    result.record = door_.records.written() - 1;
+    door_.recoveries.push(result);
+  }
+  static proto::Request recover() {
+    proto::Request request;
+    request.mutable_recover();
+    return request;
+  }
+
   // The skill that waits at the door, as the loop takes it.
   std::unique_ptr<realtime::Skill> take() {
     return std::unique_ptr<realtime::Skill>(door_.next.take());
@@ -434,27 +460,180 @@ TEST_F(TransportTest, EveryClientMayStop) {
 
 TEST_F(TransportTest, AnArmInErrorWaitsForRecovery) {
   auto a = client();
-  record_.phase = realtime::Phase::kError;
-  record_.state.robot_mode = fci::RobotMode::kReflex;
-  record_.state.errors[6] = true;
-  publish();
+  fail(fci::Error::kJointVelocityLimitsCommanded);
   const auto refused = a.start(skill_);
   EXPECT_EQ(refused.error().code(), proto::Error::NOT_READY);
-  EXPECT_NE(refused.error().message().find("joint_reflex"), std::string::npos) << refused.error().message();
+  EXPECT_NE(refused.error().message().find("velocity_limits"), std::string::npos) << refused.error().message();
 
-  proto::Request request;
-  request.mutable_recover();
-  const auto id = a.send(request);
-  while (!door_.recover.exchange(false)) std::this_thread::sleep_for(100us);
-  door_.recoveries.push({.recovered = false, .status = fci::Status::kNotPossible, .robot_mode = fci::RobotMode::kUserStopped});
+  const auto id = a.send(recover());
+  answer({.recovered = false, .status = fci::Status::kNotPossible, .robot_mode = fci::RobotMode::kReflex});
   auto reply = a.receive();
   EXPECT_EQ(reply.request_id(), id);
-  EXPECT_NE(reply.error().message().find("user stop"), std::string::npos) << reply.error().message();
+  EXPECT_FALSE(reply.recovery().recovered());
+  EXPECT_EQ(reply.recovery().obstacle(), proto::IN_REFLEX);
+  EXPECT_NE(reply.recovery().message().find("refused AutomaticErrorRecovery"), std::string::npos) << reply.recovery().message();
 
-  a.send(request);
-  while (!door_.recover.exchange(false)) std::this_thread::sleep_for(100us);
-  door_.recoveries.push({.recovered = true});
-  EXPECT_TRUE(a.receive().has_done());
+  a.send(recover());
+  get_well();
+  answer({.recovered = true});
+  const auto recovery = a.receive().recovery();
+  EXPECT_TRUE(recovery.recovered());
+  EXPECT_FALSE(recovery.by_itself());
+}
+
+TEST_F(TransportTest, WhatPeopleHaveToDoIsToldInItsOrder) {
+  auto a = client();
+  record_.phase = realtime::Phase::kError;
+  const auto obstacle = [&](fci::RobotMode mode) {
+    record_.state.robot_mode = mode;
+    publish();
+    const auto recovery = a.ask(recover()).recovery();
+    EXPECT_FALSE(recovery.recovered());
+    EXPECT_NE(recovery.message().find("then recover"), std::string::npos) << recovery.message();
+    return recovery.obstacle();
+  };
+  EXPECT_EQ(obstacle(fci::RobotMode::kGuiding), proto::HELD_BY_HAND);
+  EXPECT_EQ(obstacle(fci::RobotMode::kUserStopped), proto::STOPPED_BY_USER);
+  EXPECT_EQ(obstacle(fci::RobotMode::kOther), proto::NOT_ACTIVE);
+  EXPECT_FALSE(door_.recover) << "the robot would refuse";
+}
+
+TEST_F(TransportTest, AfterAnErrorTheArmRecoversByItselfAsOftenAsItsSkillsLetIt) {
+  auto a = client();
+  auto message = skill_;
+  message.mutable_recovery()->set_who(proto::RecoveryPolicy::ITSELF);
+  message.mutable_recovery()->set_times(2);
+  for (unsigned n = 1; n <= 2; ++n) {
+    a.start(message);
+    auto skill = take();
+    fail(fci::Error::kCommunicationConstraints);
+    finish(std::move(skill), realtime::Ending::kRobotError);
+    while (!door_.recover.load()) std::this_thread::sleep_for(100us);
+    EXPECT_EQ(a.start(skill_).error().code(), proto::Error::NOT_READY) << "it is not over";
+    get_well();
+    answer({.recovered = true});
+    const auto result = a.receive().skill_result();
+    EXPECT_EQ(result.ending(), proto::ROBOT_ERROR);
+    EXPECT_TRUE(result.recovery().recovered() && result.recovery().by_itself());
+    EXPECT_EQ(result.recovery().in_a_row(), n);
+    EXPECT_GT(result.recovery().time(), 0);
+    EXPECT_NE(result.message().find("it has recovered by itself"), std::string::npos) << result.message();
+  }
+  a.start(message);
+  auto skill = take();
+  fail(fci::Error::kCommunicationConstraints);
+  finish(std::move(skill), realtime::Ending::kRobotError);
+  const auto recovery = a.receive().skill_result().recovery();
+  EXPECT_FALSE(recovery.recovered());
+  EXPECT_EQ(recovery.obstacle(), proto::IN_REFLEX);
+  EXPECT_EQ(recovery.who(), proto::RecoveryPolicy::ASK) << "too often";
+  EXPECT_FALSE(door_.recover);
+
+  a.send(recover());
+  get_well();
+  answer({.recovered = true});
+  EXPECT_TRUE(a.receive().recovery().recovered());
+  a.start(message);  // and once a person has looked
+  skill = take();
+  fail(fci::Error::kCommunicationConstraints);
+  finish(std::move(skill), realtime::Ending::kRobotError);
+  while (!door_.recover.load()) std::this_thread::sleep_for(100us);
+  get_well();
+  answer({.recovered = true});
+  EXPECT_EQ(a.receive().skill_result().recovery().in_a_row(), 1u);
+}
+
+TEST_F(TransportTest, FromCollisionsAndUserStopsNobodyRecoversButAPerson) {
+  auto a = client();
+  auto message = skill_;
+  message.mutable_recovery()->set_who(proto::RecoveryPolicy::ITSELF);
+  const auto ends = [&] {
+    auto skill = take();
+    finish(std::move(skill), realtime::Ending::kRobotError);
+    const auto result = a.receive().skill_result();
+    EXPECT_FALSE(result.recovery().recovered());
+    EXPECT_EQ(result.recovery().who(), proto::RecoveryPolicy::ASK);
+    EXPECT_NE(result.message().find("then recover"), std::string::npos) << result.message();
+    return result.recovery().obstacle();
+  };
+  proto::Request by_itself;
+  by_itself.mutable_recover()->mutable_under()->set_who(proto::RecoveryPolicy::ITSELF);
+  for (const auto error : {fci::Error::kJointReflex, fci::Error::kCartesianReflex, fci::Error::kSelfCollisionAvoidance}) {
+    a.start(message);
+    fail(error);
+    EXPECT_EQ(ends(), proto::IN_REFLEX);
+    EXPECT_FALSE(a.ask(by_itself).recovery().recovered()) << "nor does a program";
+    EXPECT_FALSE(door_.recover);
+    a.send(recover());
+    get_well();
+    answer({.recovered = true});
+    EXPECT_TRUE(a.receive().recovery().recovered());
+  }
+  a.start(message);
+  record_.phase = realtime::Phase::kError;
+  record_.state.robot_mode = fci::RobotMode::kUserStopped;
+  publish();
+  EXPECT_EQ(ends(), proto::STOPPED_BY_USER);
+  record_.state.robot_mode = fci::RobotMode::kIdle;  // it is released
+  publish();
+  const auto recovery = a.ask(by_itself).recovery();
+  EXPECT_FALSE(recovery.recovered());
+  EXPECT_EQ(recovery.obstacle(), proto::STOPPED_BY_USER);
+  a.send(recover());
+  get_well();
+  answer({.recovered = true});
+  EXPECT_TRUE(a.receive().recovery().recovered());
+}
+
+TEST_F(TransportTest, JointsOutsideTheirRangeAreMovedBackSlowly) {
+  auto a = client();
+  fail(fci::Error::kJointPositionLimits);
+  const double q = record_.state.q[3] = fr3_limits().q_max[3] + 0.005;
+  a.send(recover());
+  get_well();
+  answer({.recovered = true});
+  std::unique_ptr<realtime::Skill> skill;
+  while (!skill) skill = take();
+  const realtime::Vector7 goal = skill->trajectory->goal().joint.q;
+  EXPECT_LE(goal[3], fr3_limits().q_max[3]);
+  EXPECT_GT(goal[3], q - 0.2);
+  for (int i : {0, 1, 2, 4, 5, 6}) EXPECT_EQ(goal[i], record_.state.q[i]);
+  EXPECT_LE(1.875 * (q - goal[3]) / skill->trajectory->duration(), 0.0501);
+  finish(std::move(skill));
+  const auto recovery = a.receive().recovery();
+  EXPECT_TRUE(recovery.recovered());
+  ASSERT_EQ(recovery.moved_back_size(), 1);
+  EXPECT_EQ(recovery.moved_back(0), 4u);
+
+  fail(fci::Error::kJointPositionLimits);
+  a.send(recover());
+  get_well();
+  answer({.recovered = true});
+  while (!skill) skill = take();
+  finish(std::move(skill), realtime::Ending::kStopped);
+  EXPECT_EQ(a.receive().recovery().obstacle(), proto::OUTSIDE_JOINT_LIMITS);
+
+  fail(fci::Error::kJointPositionLimits);
+  a.send(recover());
+  answer({.recovered = false, .status = fci::Status::kManualErrorRecoveryRequired, .robot_mode = fci::RobotMode::kReflex});
+  const auto by_hand = a.receive().recovery();
+  EXPECT_EQ(by_hand.obstacle(), proto::OUTSIDE_JOINT_LIMITS);
+  EXPECT_NE(by_hand.message().find("joint 4 is 0.0050 rad outside its range"), std::string::npos) << by_hand.message();
+}
+
+TEST_F(TransportTest, ARobotThatIsLostWhileItRecoversLeavesNobodyWaiting) {
+  auto a = client();
+  auto message = skill_;
+  message.mutable_recovery()->set_who(proto::RecoveryPolicy::ITSELF);
+  a.start(message);
+  auto skill = take();
+  fail(fci::Error::kCommunicationConstraints);
+  finish(std::move(skill), realtime::Ending::kRobotError);
+  while (!door_.recover.load()) std::this_thread::sleep_for(100us);
+  transport_.disconnected("the robot is gone");
+  const auto result = a.receive().skill_result();
+  EXPECT_EQ(result.ending(), proto::ROBOT_ERROR);
+  EXPECT_EQ(result.recovery().obstacle(), proto::NOT_CONNECTED);
 }
 
 TEST_F(TransportTest, ALostRobotEndsWhatWaitsAndComesBack) {
