@@ -183,15 +183,18 @@ bool MotionGate::brake(Reference& reference, bool soon) noexcept {
   return limiter_.brake(kTick, reference, soon);
 }
 
+// The reference itself is a place of its own: between two others the way bends by little, but it would be left in every cycle anew.
 void MotionGate::look_to_rest(const Reference& reference) noexcept {
   if (reference.motion == Channels::kJoint) {
     joints_.q = before_.joint.q;
-    places_ = limiter_.way_to_rest(std::span(way_));
+    way_[0] = reference.joint.q;
+    places_ = 1 + limiter_.way_to_rest(std::span(way_).subspan(1));
   } else {
-    std::array<Vector6, WallGuard::kMostOnWay> poses;
-    places_ = limiter_.way_to_rest(std::span(poses));
+    std::array<Vector6, WallGuard::kMostOnWay - 1> poses;
+    places_ = 1 + limiter_.way_to_rest(std::span(poses));
     const Vector6 step = change_between(before_.cartesian, reference.cartesian);
-    for (std::size_t k = 0; k < places_; ++k) way_[k] = joints_.q + joints_.dq_dP * (step + poses[k]);
+    way_[0] = joints_.q + joints_.dq_dP * step;
+    for (std::size_t k = 1; k < places_; ++k) way_[k] = joints_.q + joints_.dq_dP * (step + poses[k - 1]);
   }
 }
 

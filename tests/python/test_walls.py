@@ -2,15 +2,30 @@
 
 import contextlib
 import struct
+import sys
 
 import numpy as np
 import pytest
-from conftest import HOME, client_after_crash
+from conftest import HOME, REPOSITORY, client_after_crash
 
 from frankapy import FrankaArmArgumentError, FrankaArmBusyException, RigidTransform, proto
 from frankapy.cli import main
-from frankapy.parts import CartesianImpedance, FreeDrive, JointImpedance, MinJerkJoint, Never, StayJoint, StreamJoint, StreamPose, Time
+from frankapy.parts import (
+    CartesianImpedance,
+    FreeDrive,
+    JointImpedance,
+    MinJerkJoint,
+    Never,
+    StayJoint,
+    StreamJoint,
+    StreamJointVelocity,
+    StreamPose,
+    Time,
+)
 from frankapy.walls import Box, Capsule, Cylinder, Mesh, Plane, Sphere, read_stl
+
+sys.path[:0] = [str(REPOSITORY / "tests" / "safety"), str(REPOSITORY / "tests" / "interop")]
+from judge import clearance  # noqa: E402
 
 TRUTH_FILE = True
 LEFT = HOME + [0.9, 0, 0, 0, 0, 0, 0]
@@ -193,6 +208,23 @@ def test_a_wall_comes_while_a_skill_runs(walled, ideal_arm):
     walled.wait_for_skill()
     assert walled.last_skill_result.wall == "glass"
     assert gap(ideal_arm.truth(first)) > 0.009
+
+
+def test_joints_that_slide_along_a_wall_come_no_nearer_to_it(start_for_module):
+    arm = start_for_module(robot="fer")
+    glass = Plane([0, -1, 0], [0, 0.2, 0])
+    with arm.client() as fa:
+        fa.run(MinJerkJoint([-0.7, 0.1, 0, -2.1, 0, 2.2, 0.785], 2))
+        fa.walls.add("glass", glass)
+        first = arm.cycle()
+        fa.run(StreamJointVelocity("way", timeout=60, speed=1), proto.InternalImpedance(), Never(), block=False)
+        with fa.publisher("way") as publisher:
+            publisher.publish(proto.JointVelocitySensorMessage(joint_velocities=[0.9, 0, 0, 0, 0, 0, 0]))
+            held = fa.wait_for(lambda state: bool(state.held_by & proto.WALL)).robot.message_id
+            fa.wait_for(lambda state: state.robot.message_id > held + 1000)
+        fa.stop_skill()
+        rows = arm.truth(first)
+    assert min(clearance(glass, q) for q in rows["q"][::20]) > 0.009
 
 
 def test_walls_outlive_the_process_of_their_arm(walled, ideal_arm):
