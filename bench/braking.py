@@ -56,7 +56,8 @@ def reach(q: np.ndarray) -> np.ndarray:
     at = frames(q)
     return np.max(
         [
-            np.maximum(*((at[each.frame][:, :3, :3] @ end + at[each.frame][:, :3, 3]) @ WAY for end in (each.a, each.b))) + each.radius
+            np.maximum(*((at[each.frame, :, :3, :3] @ end + at[each.frame, :, :3, 3]) @ WAY for end in (each.a, each.b)))
+            + each.radius
             for each in capsules()
         ],
         axis=0,
@@ -119,7 +120,8 @@ def main() -> None:
     entries: dict[str, float] = {}
     for robot, limits in wire_limits.LIMITS.items():
         with Simulation(SimulatedArm(robot=robot, lockstep=True)) as simulation, FrankaArm(server=simulation.server) as fa:
-            for name, controller, mode in (("torque", JointImpedance(), "torque"), ("motion", InternalImpedance(), "joint_position")):
+            ways = [("torque", JointImpedance(), "torque"), ("motion", InternalImpedance(), "joint_position")]
+            for name, controller, mode in ways:
                 print(f"{robot} {name}", file=sys.stderr)
                 key = f"braking_ratio_joints_{name}"
                 entries[key] = max(entries.get(key, 0), ratio(towards_wall(fa, controller, mode), limits))
