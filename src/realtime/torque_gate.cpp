@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
+#include "realtime/falling_torque.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/tick.hpp"
 
@@ -14,8 +16,8 @@ constexpr double kFloatRounding = 1e-5;  // of a state in protocol version 10
 constexpr double kHeldFrom = 0.05, kHeldAt = 0.1;  // rad away, between which the bound comes in
 constexpr double kLetGo = 0.15;                    // rad/s to which the torque may bring a joint that is let go
 
-constexpr double kPowerShare = 0.95;  // of the bound, that a torque keeps to
-constexpr double kToolShare = 0.96;   // likewise of the tool's speed
+constexpr double kPowerShare = 0.9;   // of the bound, that a torque keeps to
+constexpr double kToolShare = 0.9;    // likewise of the tool's speed
 constexpr double kApproach = 25;      // 1/s, at which the tool may come near to that, and falls back to it
 constexpr double kFarFrom = 0.4;      // of it: below nothing is looked at
 constexpr double kToolBrake = 4;      // m/s², at most, of a tool that has just become too fast as less is allowed
@@ -32,24 +34,30 @@ double TorqueGate::hold_back(const Matrix7& mobility, const Vector7& pull, doubl
   return most > 1 ? 1 - in + in / most : 1;
 }
 
+TorqueGate::TorqueGate(const models::Limits& limits)
+    : bounds_(limits), robots_tool_speed_(limits.translation.velocity), limits_(limits), asked_(limits), barrier_(limits) {
+  keep_to(bounds_);
+}
+
 void TorqueGate::keep_to(const Bounds& bounds) noexcept {
   bounds_ = bounds;
+  bounds_.tool_speed = std::min(kToolShare * bounds.tool_speed, robots_tool_speed_);
+  bounds_.power *= kPowerShare;
   asked_ = TorqueLimiter(bounds.limits);
   barrier_.reduce(bounds.limits);
 }
 
-// By a force against its motion, where the torque would make it faster than may be: a control barrier, as JointBarrier.
-bool TorqueGate::brake_tool(const Cycle& cycle, const Matrix7& mobility, Vector7& tau) const noexcept {
-  const Vector3 v = cycle.model.jacobian().topRows<3>() * cycle.dq;
-  const double speed = v.norm(), fastest = kToolShare * bounds_.tool_speed;
-  if (!(speed > kFarFrom * fastest)) return false;
+// Of a tool that is to be braked, at an acceleration that keeps to its speed: a control barrier, as JointBarrier.
+std::optional<JointBarrier::Brake> TorqueGate::tool_brake(const Cycle& cycle, const Vector7& pushed,
+                                                          double approach) const noexcept {
+  const auto J = cycle.model.jacobian().topRows<3>();
+  const Vector3 v = J * cycle.dq;
+  const double speed = v.norm(), room = bounds_.tool_speed - speed;
+  if (!(speed > kFarFrom * bounds_.tool_speed)) return std::nullopt;
   const Vector3 along = v / speed;
-  const Vector7 gradient = cycle.model.jacobian().topRows<3>().transpose() * along;
-  const double faster = gradient.dot(mobility * (tau - cycle.model.coriolis())) + along.dot(cycle.model.dJ_dq().head<3>());
-  const double force = (faster - std::max(kApproach * (fastest - speed), -kToolBrake)) / gradient.dot(mobility * gradient);
-  if (!(force > 0)) return false;
-  tau -= force * gradient;
-  return true;
+  const Vector7 gradient = J.transpose() * along;
+  const double faster = room > 0 ? approach * room : std::max(kApproach * room, -kToolBrake);
+  return JointBarrier::Brake{gradient, faster - along.dot(cycle.model.dJ_dq().head<3>()) - std::max(gradient.dot(pushed), 0.)};
 }
 
 HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away,
@@ -58,18 +66,33 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   Vector7 tau;
   const Matrix7 mobility = joint_mobility(cycle.model.mass());
   const Vector7& c = cycle.model.coriolis();
+  // The robot's estimate is of what the arm exerts.
+  const Vector7 felt = Vector7::Map(cycle.state.tau_ext_hat_filtered.data());
+  const Vector7 pushed = felt.allFinite() ? Vector7(mobility * -felt) : Vector7::Zero();
   double share = wanted.allFinite() ? hold_back(mobility, wanted - c, away) : 1;
   HeldBy held = when(share < 1, HeldBy::kArm);
-  if (const double power = share * (wanted - c).dot(cycle.dq), most = kPowerShare * bounds_.power; power > most) {
-    share *= most / power;
+  if (const double power = share * (wanted - c).dot(cycle.dq); power > bounds_.power) {
+    share *= bounds_.power / power;
     held |= HeldBy::kPower;
   }
   bool limited = asked_.scale(share < 1 ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau);
-  held |= when(brake_tool(cycle, mobility, tau), HeldBy::kToolSpeed);
-  held |= when(walls.active() && walls.add(cycle.q, cycle.dq, mobility, c, tau), HeldBy::kWall);
-  held |= when(barrier_.add(cycle.q, cycle.dq, mobility, c, {cycle.dq_ref, away}, tau), HeldBy::kJointLimits);
+  const bool walled = walls.active() && walls.add(cycle.q, cycle.dq, mobility, c, tau);
+  held |= when(walled, HeldBy::kWall);
+  const JointBarrier::Lead lead{cycle.dq_ref, away, pushed};
+  auto tool = tool_brake(cycle, pushed, kApproach);
+  held |= when(barrier_.add(cycle.q, cycle.dq, mobility, c, lead, tau, tool ? &*tool : nullptr), HeldBy::kJointLimits);
+  held |= when(tool && tool->force > 0, HeldBy::kToolSpeed);
   // The robot compares with the command before, however long ago that was; or, where one was lost, with the last that came.
   limited |= limits_.limit(tau, sent, kTick, tau_J_d);
+  const FallingTorque falling(cycle.model, cycle.dq, mobility, c, limits_.rate(), sent);
+  const SpeedBounds speeds{barrier_.dq_min(), barrier_.dq_max(), bounds_.tool_speed, bounds_.power};
+  if (!walled && !falling.keeps(speeds, tau_J_d)) {  // a wall pushes first
+    Vector7 slower = c * std::min(1., bounds_.power / std::max(c.dot(cycle.dq), 1e-9));
+    tool = tool_brake(cycle, pushed, 0);
+    barrier_.add(cycle.q, cycle.dq, mobility, c, lead, slower, tool ? &*tool : nullptr);
+    falling.hold(speeds, slower, tau_J_d);
+    limited = true;
+  }
   const Vector7 came = Vector7::Map(cycle.state.tau_J_d.data());
   if (cycle.state.control_command_success_rate < 1 && !came.isApprox(sent, kFloatRounding)) {
     limited |= limits_.limit(tau_J_d, came, kTick, tau_J_d);

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <optional>
+
 #include "models/arm.hpp"
 #include "realtime/bounds.hpp"
 #include "realtime/cycle.hpp"
@@ -14,10 +16,12 @@ namespace realtime {
 // limits, so that the wrench that it makes keeps its direction; then walls and joint limits push and brake the measured arm; and
 // what they add stays inside the limits too. An arm that something holds away from its reference is pulled no harder than lets
 // it be slow when it is let go: with inertia I and torque falling at its rate r it comes to tau²/(2 r I).
-// A controller's torque is also kept to the bounds of what may be asked for, and a tool that is faster than these is braked.
+// A controller's torque is also kept to the bounds of what may be asked for, and a tool that is faster than these, or than the
+// robot allows, is braked. All of it can be taken back, as fast as the robot lets torque fall, before joints or tool are too fast
+// or do too much work (FallingTorque).
 class TorqueGate {
  public:
-  explicit TorqueGate(const models::Limits& limits) : bounds_(limits), limits_(limits), asked_(limits), barrier_(limits) {}
+  explicit TorqueGate(const models::Limits& limits);
 
   // From now on.
   void keep_to(const Bounds& bounds) noexcept;
@@ -32,9 +36,11 @@ class TorqueGate {
  private:
   double hold_back(const Matrix7& mobility, const Vector7& pull, double away) const noexcept;
 
-  bool brake_tool(const Cycle& cycle, const Matrix7& mobility, Vector7& tau) const noexcept;
+  // `pushed`: JointBarrier::Lead; `approach`: 1/s, at which the tool may come near to its greatest speed.
+  std::optional<JointBarrier::Brake> tool_brake(const Cycle& cycle, const Vector7& pushed, double approach) const noexcept;
 
-  Bounds bounds_;
+  Bounds bounds_;                 // with room for what is not foreseen
+  double robots_tool_speed_;      // m/s, that it allows
   TorqueLimiter limits_, asked_;  // of the arm, and of what a controller may ask for
   JointBarrier barrier_;
 };

@@ -43,6 +43,8 @@ class SimulatedArm {
     cycle.dq = dq;
     cycle.O_T_EE = model.O_T_EE();
     cycle.tau_J_d = tau;
+    state.control_command_success_rate = 1;
+    realtime::Vector7::Map(state.tau_J_d.data()) = tau;
   }
 
   // One cycle under `next`, of which the arm feels the one before; `external` acts at once.
@@ -58,6 +60,9 @@ class SimulatedArm {
       q += kDt / kSubsteps * dq;
     }
     tau = next;
+    // What the arm exerts on the world, low-passed at 15 Hz as the robot's estimate is.
+    auto felt = realtime::Vector7::Map(state.tau_ext_hat_filtered.data());
+    if (feels) felt += (1 - std::exp(-2 * M_PI * 15 * kDt)) * (-external - felt);
     cycle.time += kDt;
     observe();
   }
@@ -70,7 +75,7 @@ class SimulatedArm {
   realtime::Model model;
   realtime::Cycle cycle;
   realtime::Vector7 q, dq = realtime::Vector7::Zero(), tau = realtime::Vector7::Zero();
-  bool rubs = false;
+  bool rubs = false, feels = true;
 
  private:
   realtime::Vector7 motor_inertia_;

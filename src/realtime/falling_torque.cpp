@@ -1,0 +1,61 @@
+#include "realtime/falling_torque.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "realtime/tick.hpp"
+
+namespace realtime {
+namespace {
+
+constexpr int kHalvings = 7;    // of the way that is looked for
+constexpr double kSame = 1e-9;  // rad/s, m/s, W
+
+}  // namespace
+
+FallingTorque::FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest,
+                             const Vector7& rate, const Vector7& sent) noexcept
+    : model_(model), mobility_(mobility), rest_(rest), rate_(rate), sent_(sent), dq_(dq) {
+  dq_.noalias() += kTick * (mobility * (sent - rest));
+}
+
+FallingTorque::Fall FallingTorque::fall(const Vector7& tau, const Vector7& to, const Vector3& turning) const noexcept {
+  const Vector7 u = tau - to, ddq = mobility_ * u;
+  const double falls = time(u) + kTick;  // it acts for a cycle before it does
+  Fall fall;
+  fall.dq = dq_ + falls / 2 * ddq;
+  const auto J = model_.jacobian().topRows<3>();
+  fall.tool = std::max((J * dq_).norm(), (J * fall.dq + falls * turning).norm());
+  // Of the share y that is left of u: y (p + (1 - y²) e / 2), with p what u does at once and e what all of the fall would add.
+  const double p = u.dot(dq_), e = falls * u.dot(ddq), sum = 2 * p + e;
+  const double most = p >= e ? p : sum > 0 ? sum * std::sqrt(sum / (3 * e)) / 3 : 0;
+  fall.power = std::max(most, 0.) + std::max(to.dot(dq_), to.dot(fall.dq));
+  return fall;
+}
+
+bool FallingTorque::keeps(const SpeedBounds& bounds, const Vector7& tau) const noexcept {
+  const Fall there = fall(tau, rest_, model_.dJ_dq().head<3>());
+  return (there.dq.array() <= bounds.dq_max.array()).all() && (there.dq.array() >= bounds.dq_min.array()).all() &&
+         there.tool <= bounds.tool && there.power <= bounds.power;
+}
+
+void FallingTorque::hold(const SpeedBounds& bounds, const Vector7& goal, Vector7& tau) const noexcept {
+  const Vector7 to_goal = goal - sent_;
+  const Vector7 back = sent_ + to_goal * std::min(kTick / std::max(time(to_goal), kTick), 1.), way = tau - back;
+  const Fall least = fall(back, goal, Vector3::Zero());
+  const Vector7 dq_max = bounds.dq_max.cwiseMax(least.dq).array() + kSame;
+  const Vector7 dq_min = bounds.dq_min.cwiseMin(least.dq).array() - kSame;
+  const double tool = std::max(bounds.tool, least.tool) + kSame, power = std::max(bounds.power, least.power) + kSame;
+  double share = 0;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double more = i == 0 ? 1 : share + std::ldexp(1., -i);
+    const Fall there = fall(back + more * way, goal, Vector3::Zero());
+    const bool fits = (there.dq.array() <= dq_max.array()).all() && (there.dq.array() >= dq_min.array()).all() &&
+                      there.tool <= tool && there.power <= power;
+    if (fits) share = more;
+    if (share == 1) return;
+  }
+  tau = back + share * way;
+}
+
+}  // namespace realtime

@@ -1,0 +1,50 @@
+#pragma once
+
+#include "realtime/model.hpp"
+
+namespace realtime {
+
+// Between which speeds are to stay, and what the joints may do together.
+struct SpeedBounds {
+  Vector7 dq_min, dq_max;  // rad/s
+  double tool;             // m/s, of the origin of EE; may be infinite, as may
+  double power;            // W
+};
+
+// What becomes of an arm whose torque falls as fast as the robot lets it: all of it together, in a straight line to where it makes
+// the arm no faster, so that a joint which has far to go does not leave the others alone with what it holds. With u what it falls
+// by and r the rate, in T = max |u| / r, it until then changes the velocity by M^-1 u T / 2, in a straight line as well: what keeps
+// to the bounds at both ends does so between. And after a torque from which it does so comes one from which it does: the next on
+// that line.
+class FallingTorque {
+ public:
+  // `sent`: the last torque, which acts in this cycle (N m); `rest`: that with which the joints do not accelerate; `mobility`:
+  // joint_mobility() (1/(kg m²)); `rate`: N m/s, at which each torque may fall. All must outlive this.
+  FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest, const Vector7& rate,
+                const Vector7& sent) noexcept;
+
+  // Whether the arm keeps to the bounds if it falls from this torque to `rest`.
+  bool keeps(const SpeedBounds& bounds, const Vector7& tau) const noexcept;
+
+  // For a torque of which that is not so and which may follow the last: what of the way to it from the next one of a fall to
+  // `goal` leads to no place from which the bounds would be left, or left farther than from there. `goal` makes neither tool nor
+  // joints faster, and slows what is too fast.
+  void hold(const SpeedBounds& bounds, const Vector7& goal, Vector7& tau) const noexcept;
+
+ private:
+  // Of a fall from tau to `to`: the velocities at its end, and the greatest speed (m/s) and power (W) on the way.
+  struct Fall {
+    Vector7 dq;
+    double tool, power;
+  };
+  // `turning`: how the tool accelerates there although the joints do not, m/s².
+  Fall fall(const Vector7& tau, const Vector7& to, const Vector3& turning) const noexcept;
+  double time(const Vector7& u) const noexcept { return u.cwiseAbs().cwiseQuotient(rate_).maxCoeff(); }
+
+  const Model& model_;
+  const Matrix7& mobility_;
+  const Vector7 &rest_, &rate_, &sent_;
+  Vector7 dq_;  // when the next torque begins to act
+};
+
+}  // namespace realtime

@@ -1,0 +1,135 @@
+#include "realtime/torque_gate.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+#include <string>
+#include <tuple>
+
+#include "models/joint_figures.hpp"
+#include "simulated_arm.hpp"
+
+namespace {
+
+using namespace realtime;
+using testing_tools::SimulatedArm;
+
+// What a controller that pulls to and fro makes of an arm, with up to a share of what the joints can give.
+struct Pulled {
+  double speed = 0, power = 0, joint = 0;  // the greatest: m/s, W, share of the joints' velocity
+};
+
+class PulledArm : public testing::TestWithParam<std::tuple<const char*, double>> {
+ protected:
+  const models::Limits& limits = models::limits(models::arm(std::get<0>(GetParam())), 10);
+  const double share = std::get<1>(GetParam());
+  const Bounds own{limits};
+
+  Pulled pulled(const Bounds& bounds, unsigned seed) const {
+    SimulatedArm arm(std::get<0>(GetParam()), Vector7::Map(models::kMotorInertia.data()));
+    TorqueGate gate(limits);
+    gate.keep_to(bounds);
+    WallGuard walls;
+    std::mt19937 engine(seed);
+    std::uniform_real_distribution<> some(-share, share);
+    Vector7 wanted, sent = Vector7::Zero();
+    Pulled most;
+    for (int cycle = 0; cycle < 4000; ++cycle) {
+      if (cycle % 250 == 0) {
+        for (int i = 0; i < 7; ++i) wanted[i] = some(engine) * limits.tau_max[i];
+      }
+      gate.pass(arm.cycle, walls, wanted, 0, sent);
+      arm.step(sent);
+      most.speed = std::max(most.speed, (arm.model.jacobian().topRows<3>() * arm.dq).norm());
+      most.power = std::max(most.power, sent.dot(arm.dq));
+      most.joint = std::max(most.joint, arm.dq.cwiseAbs().cwiseQuotient(Vector7::Map(limits.dq_max.data())).maxCoeff());
+    }
+    return most;
+  }
+};
+
+constexpr unsigned kSeeds[] = {1, 2, 3, 4};
+
+TEST_P(PulledArm, KeepsTheToolBelowItsSpeed) {
+  for (const unsigned seed : kSeeds) {
+    Bounds bounds = own;
+    bounds.tool_speed = 0.25;
+    EXPECT_GT(pulled(own, seed).speed, 0.3) << "it would be faster";
+    EXPECT_LE(pulled(bounds, seed).speed, 0.25) << "seed " << seed;
+  }
+}
+
+TEST_P(PulledArm, KeepsItsJointsBelowTheirSpeed) {
+  for (const unsigned seed : kSeeds) {
+    Bounds bounds = own;
+    for (double& dq_max : bounds.limits.dq_max) dq_max *= 0.2;
+    EXPECT_GT(pulled(own, seed).joint, 0.3) << "they would be faster";
+    EXPECT_LE(pulled(bounds, seed).joint, 0.2) << "seed " << seed;
+  }
+}
+
+TEST_P(PulledArm, ExertsNoMorePowerThanMayBe) {
+  for (const unsigned seed : kSeeds) {
+    Bounds bounds = own;
+    EXPECT_GT(pulled(own, seed).power, 9);
+    for (const double most : {3., 20.}) {
+      bounds.power = most;
+      EXPECT_LE(pulled(bounds, seed).power, most) << "seed " << seed;
+    }
+  }
+}
+
+// By the hand, up to 30 N hither and thither, while nothing holds it: how much faster than allowed a joint becomes, as a share of
+// its greatest speed, and the tool (m/s).
+class PushedArm : public testing::TestWithParam<const char*> {
+ protected:
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+
+  struct Worst {
+    double joint = 0, tool = 0;
+  };
+  Worst pushed(unsigned seed, bool feels) const {
+    SimulatedArm arm(GetParam(), Vector7::Map(models::kMotorInertia.data()));
+    arm.feels = feels;
+    TorqueGate gate(limits);
+    WallGuard walls;
+    std::mt19937 engine(seed);
+    std::uniform_real_distribution<> some(-1, 1);
+    Vector3 force = Vector3::Zero();
+    Vector7 sent = Vector7::Zero();
+    Worst worst;
+    for (int cycle = 0; cycle < 6000; ++cycle) {
+      if (cycle % 600 == 0) force = 30 * Vector3(some(engine), some(engine), some(engine)).normalized();
+      gate.pass(arm.cycle, walls, arm.model.coriolis(), 0, sent);
+      const Vector7 push = arm.model.jacobian().topRows<3>().transpose() * force;
+      arm.step(sent, push);
+      for (int i = 0; i < models::kJoints; ++i) {
+        const double allowed = arm.dq[i] > 0 ? limits.dq_upper(i, arm.q[i]) : -limits.dq_lower(i, arm.q[i]);
+        worst.joint = std::max(worst.joint, (std::abs(arm.dq[i]) - allowed) / limits.dq_max[i]);
+      }
+      worst.tool = std::max(worst.tool, (arm.model.jacobian().topRows<3>() * arm.dq).norm());
+    }
+    return worst;
+  }
+};
+
+TEST_P(PushedArm, IsNoFasterThanTheRobotAllows) {
+  double unfelt = 0;
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    const Worst worst = pushed(seed, true);
+    EXPECT_LT(worst.joint, 0.1) << "seed " << seed;  // where the robot ends the motion
+    EXPECT_LT(worst.tool, 1.1 * limits.translation.velocity) << "seed " << seed;
+    unfelt = std::max(unfelt, pushed(seed, false).joint);
+  }
+  EXPECT_GT(unfelt, 0.1) << "it would be, were it not felt";
+}
+
+INSTANTIATE_TEST_SUITE_P(Arms, PushedArm, testing::Values("fer", "fr3"), [](const auto& info) { return info.param; });
+
+INSTANTIATE_TEST_SUITE_P(Arms, PulledArm, testing::Combine(testing::Values("fer", "fr3"), testing::Values(0.2, 0.6)),
+                         [](const auto& info) {
+                           return std::string(std::get<0>(info.param)) + (std::get<1>(info.param) > 0.5 ? "_hard" : "_soft");
+                         });
+
+}  // namespace
