@@ -13,7 +13,7 @@ file(GLOB_RECURSE part_headers CONFIGURE_DEPENDS RELATIVE ${CMAKE_SOURCE_DIR}
 list(APPEND part_headers
   models/arm.hpp src/bridge/queue.hpp src/realtime/arm.hpp src/realtime/check.hpp src/realtime/cycle.hpp src/realtime/joint_range.hpp
   src/realtime/model.hpp src/realtime/part.hpp src/realtime/reference.hpp src/realtime/rotation.hpp
-  src/realtime/sensor_input.hpp
+  src/realtime/sensor_input.hpp src/realtime/soft_ending.hpp
   src/robot/mode.hpp src/server/arm_at_home.hpp src/server/kinds/kind.hpp src/server/part.hpp wire/proto/rules.proto
   wire/proto/validation.hpp)
 

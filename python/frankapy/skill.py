@@ -65,9 +65,11 @@ def make_skill(
     )
     if start_time is not None:
         skill.start_time = number("start_time", start_time)
+    if publishers is not None and not isinstance(publishers, Mapping):
+        raise FrankaArmArgumentError(f"publishers is {publishers!r}: expected topics with names of keys, such as {{'goal': ['anna']}}")
     for topic, keys in (publishers or {}).items():
-        if isinstance(keys, str):
-            raise FrankaArmArgumentError(f"publishers[{topic!r}] is {keys!r}: expected names of keys, such as [{keys!r}]")
+        if isinstance(keys, str) or not isinstance(keys, Iterable):
+            raise FrankaArmArgumentError(f"publishers[{topic!r}] is {keys!r}: expected names of keys, such as ['anna']")
         skill.publishers.add(topic=text("topic", topic, 256), names=[text("name", name, 100) for name in keys])
     validate(skill)
     validate(trajectory)

@@ -30,7 +30,7 @@ DOWN = CartesianVelocity([0, 0, -0.1, 0, 0, 0], duration=0.8)
 
 @pytest.fixture(scope="module", params=["fer", "fr3"])
 def at_plate(request, start_for_module):
-    return start_for_module(robot=request.param, scene="sprung_plate")
+    return start_for_module(robot=request.param, scene="sprung_plate", hold_time=600)  # as it has ended, until it is looked at
 
 
 def above_plate(fa):
@@ -95,7 +95,6 @@ def test_an_arm_that_complies_can_be_pushed_away_and_one_that_holds_can_not(at_p
                 at_plate.simulation.push([0, 8, 0, 0, 0, 0], duration=1)
                 at_plate.simulation.step(900)
                 moved[then is None] = at_plate.simulation.truth().O_T_TCP[1, 3] - began[1]
-            at_plate.end_motion(fa)
     assert moved[False] > 0.05 and moved[True] < 0.02
 
 
