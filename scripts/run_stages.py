@@ -45,7 +45,7 @@ GATE = [
     Stage("build", 900),
     Stage("bench-programs", 240),
     Stage("test-cpp", 240, tries=2),
-    Stage("test-python", 420, tries=2),
+    Stage("test-python", 480, tries=2),
     Stage("types", 120),
     Stage("interop-lockstep", 240, tries=2),
     Stage("demo-lockstep", 120, tries=2),
