@@ -1,6 +1,9 @@
-// Takes the place of src/realtime/limiter.cpp and joint_barrier.cpp in a server that limits nothing: what bench/switches.py
+// Takes the place of src/realtime/limiter.cpp, joint_barrier.cpp and falling_torque.cpp in a server that limits nothing: what bench/switches.py
 // has to find then. Each of their functions, so that the linker takes none from the library.
 
+#include <limits>
+
+#include "realtime/falling_torque.hpp"
 #include "realtime/joint_barrier.hpp"
 #include "realtime/limiter.hpp"
 
@@ -56,9 +59,19 @@ bool TorqueLimiter::limit(const Vector7& wanted, const Vector7&, double, Vector7
   return false;
 }
 
-JointBarrier::JointBarrier(const models::Limits& limits) : limits_(limits), asked_(limits.dq_max) {}
-bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vector7&, const Lead&, Vector7&) noexcept {
+JointBarrier::JointBarrier(const models::Limits& limits)
+    : limits_(limits),
+      asked_(limits.dq_max),
+      dq_min_(Vector7::Constant(-std::numeric_limits<double>::infinity())),
+      dq_max_(Vector7::Constant(std::numeric_limits<double>::infinity())) {}
+bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vector7&, const Lead&, Vector7&, Brake*) noexcept {
   return false;
 }
+
+FallingTorque::FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest,
+                             const Vector7& rate, const Vector7& sent) noexcept
+    : model_(model), mobility_(mobility), rest_(rest), rate_(rate), sent_(sent), dq_(dq) {}
+bool FallingTorque::keeps(const SpeedBounds&, const Vector7&) const noexcept { return true; }
+void FallingTorque::hold(const SpeedBounds&, const Vector7&, Vector7&) const noexcept {}
 
 }  // namespace realtime
