@@ -80,6 +80,7 @@ class Primitive:
         goal: Any = None,
         goal_orientation: Any = None,
         sensor_values: Any = None,
+        topic: str | None = None,
     ) -> Message:
         """Return the trajectory for `fa.run`.
 
@@ -89,6 +90,8 @@ class Primitive:
             goal: where it is to end; None: as far from the start as it was learned.
             goal_orientation: w, x, y, z, of a pose; None: as it was learned.
             sensor_values: weights of the sensors, (sensors,) or of each dimension (dimensions, sensors); None: 1.
+            topic: over which proto.DmpSensorValues, in the order of `sensor_values` of each dimension (of joints: of the sensors),
+                change them while it runs; of at most 8 sensors.
 
         Raises FrankaArmArgumentError for values that cannot be.
         """
@@ -99,6 +102,8 @@ class Primitive:
         values: dict[str, Any] = dict(weights=weights.ravel(), duration=T)
         if sensor_values is not None:
             values["initial_sensor_values"] = self._sensor_values(sensor_values)
+        if topic is not None:
+            values["topic"] = topic
         spring: dict[str, Any] = dict(tau=0.5 / T, alpha=self.alpha, beta=self.alpha / 4, mu=self.mu, h=self.h)
         if self.kind == "joint":
             return proto.JointDmp(**spring, **values)

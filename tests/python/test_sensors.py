@@ -25,6 +25,7 @@ from frankapy.parts import (
     MinJerkPose,
     Never,
     PassThroughJointTorque,
+    PoseDmp,
     SensorSays,
     Silence,
     StayJoint,
@@ -439,6 +440,27 @@ def test_an_end_counts_however_late_and_out_of_order_it_comes(fa):
         publish(publisher, 3, sent, END)
         fa.wait_for_skill()
     assert fa.last_skill_result.termination == "SensorSays"
+
+
+def test_values_of_a_movement_primitives_sensors_come_over_its_topic(fa):
+    fa.goto_joints(HOME, 1)
+    weights = np.zeros((3, 2, 6))
+    weights[0, 0, 0] = 0.06  # m: along x by the first sensor
+    weights[2, 1, 0] = -0.06  # along z by the second
+    way = PoseDmp(
+        tau=0.25, alpha=200, beta=50, mu=np.exp(-0.1 * np.arange(6)), h=[50] * 6, weights=weights.ravel(), position_only=True,
+        initial_sensor_values=[1, 0] * 3, duration=2, topic="sensors",
+    )  # fmt: skip
+    start = fa.get_pose(include_tool_offset=False).translation
+    with fa.sequence(), fa.publisher("sensors") as sensors, fa.publisher("go") as go:
+        fa.run(StayJoint(1000), InternalImpedance(), SensorSays("go"))
+        fa.run(way, InternalImpedance())
+        sensors.publish(proto.DmpSensorValues(values=[0, 1, 0]))
+        sensors.publish(proto.DmpSensorValues(values=[0, 1] * 3))
+        topic = received(fa, sensors, 2)
+        assert topic.refused == 1 and "3 values: expected 6" in topic.why_refused
+        go.publish(END)
+    np.testing.assert_allclose(fa.get_pose(include_tool_offset=False).translation - start, [0, 0, -0.06], atol=2e-3)
 
 
 def test_the_status_says_who_commands(fa, ideal_arm, capsys):

@@ -116,6 +116,96 @@ TEST(JointDmps, keep_their_differential_equation_from_rest_and_moving) {
   }
 }
 
+realtime::SensorSample sent(const std::vector<double>& values) {
+  realtime::SensorSample sample;
+  sample.values.fill(NAN);
+  std::copy(values.begin(), values.end(), sample.values.begin());
+  return sample;
+}
+
+TEST(JointDmps, keep_their_differential_equation_with_values_of_sensors_that_come_while_they_run) {
+  const DmpSpring spring{0.25, 20, 4};
+  DmpForce learned = force(7, 2, 0.1);
+  learned.initial_sensor_values = {0.7, -0.4};
+  learned.topic = "sensors";
+  JointDmp motion({spring, learned, 2}, limits);
+  const auto input = motion.sensor_inputs().at(0);
+  EXPECT_EQ(input->topic(), "sensors");
+  Reference from = joints(), at;
+  from.joint.dq << 0.1, -0.2, 0.05, 0, 0.3, 0, -0.1;
+  struct Change {
+    double t;
+    std::vector<double> values;
+  };
+  const std::vector<Change> changes = {{0, {0.7, -0.4}}, {0.5, {0.2, 0.9}}, {0.8, {-0.5, 0.9}}};
+  for (int round = 0; round < 2; ++round) {  // the second begins with the initial values again
+    motion.start(from);
+    ASSERT_EQ(motion.stretch(), 1);
+    Reference goal;
+    for (const double t : {0.4, 0.5, 0.7, 0.8, 0.9, 1.5, 1.9999}) {
+      Reference before;
+      for (const Change& change : changes) {
+        if (t != change.t) continue;
+        motion.step(at_home(), t, before);
+        ASSERT_TRUE(input->put(sent(change.values)));
+      }
+      motion.step(at_home(), t, at);
+      if (before.joint.q[0] != 0) {
+        EXPECT_LT((at.joint.q - before.joint.q).norm(), 1e-12);
+        EXPECT_LT((at.joint.dq - before.joint.dq).norm(), 1e-12);
+        EXPECT_GT((at.joint.ddq - before.joint.ddq).norm(), 1e-3);
+      }
+      for (int i = 0; i < 7; ++i) {
+        const double y = integrated(
+            spring,
+            [&](double x, double time) {
+              const Change* now = &changes[0];
+              for (const Change& change : changes) now = time >= change.t ? &change : now;
+              double f = 0;
+              for (int s = 0; s < 2; ++s) {
+                const double* weights = learned.weights.data() + (i * 2 + s) * 6;
+                const double u = std::min(2 * spring.tau * time, 1.0);
+                f += now->values[static_cast<std::size_t>(s)] *
+                     (gaussians(learned, weights, x, 1) + weights[0] * u * u * u * (10 - 15 * u + 6 * u * u));
+              }
+              return f;
+            },
+            from.joint.q[i], from.joint.dq[i], t);
+        EXPECT_NEAR(at.joint.q[i], y, 2e-5) << i << " at " << t;  // its steps do not meet the changes
+      }
+    }
+    EXPECT_TRUE(motion.step(at_home(), motion.duration(), at));
+    EXPECT_EQ(at.joint.q, motion.goal().joint.q);
+    Reference last;
+    motion.step(at_home(), motion.duration() - 1e-6, last);
+    EXPECT_LT((last.joint.q - at.joint.q).norm(), 1e-6);
+  }
+}
+
+TEST(PoseDmps, take_values_of_sensors_of_each_dimension) {
+  DmpForce learned = force(3, 2, 0.1);
+  learned.topic = "sensors";
+  const PoseDmp::Parameters parameters{{0.25, 25, 6}, learned, 2, PoseDmp::Dimensions::kPosition, false};
+  PoseDmp motion(FirstBasis::kMinJerk, parameters, limits);
+  const std::vector<double> values = {0.5, 0, 1, -1, 0, 0.3};
+  DmpForce other = learned;
+  other.topic.reset();
+  other.initial_sensor_values = values;
+  PoseDmp expected(FirstBasis::kMinJerk, {parameters.spring, other, 2, PoseDmp::Dimensions::kPosition, false}, limits);
+  motion.start(pose());
+  expected.start(pose());
+  const auto input = motion.sensor_inputs().at(0);
+  EXPECT_EQ(input->check(sent({1, 2})), "2 values: expected 6");
+  EXPECT_EQ(input->check(sent(values)), "");
+  ASSERT_TRUE(input->put(sent(values)));  // before its first cycle
+  Reference at, as;
+  for (double t = 0; t < 2; t += 0.1) {  // beyond, the time that it takes to rest is that of the initial values
+    motion.step(at_home(), t, at);
+    expected.step(at_home(), t, as);
+    EXPECT_LT((at.cartesian.position - as.cartesian.position).norm(), 1e-9) << t;
+  }
+}
+
 // Of a step of the goal a critically damped spring makes 1 - (1 + w t) exp(-w t).
 TEST(GoalPoseDmps, answer_a_goal_as_a_spring_does) {
   const double tau = 0.5, alpha = 16, beta = 4, w = tau * alpha / 2;
@@ -308,6 +398,9 @@ TEST(Dmps, refuse_what_does_not_fit_by_name) {
   bad = good;
   bad.mu.assign(200, 1);
   EXPECT_EQ(joint(bad), "mu has 200 elements: expected 1 to 100");
+  bad = force(7, 9, 0.1);
+  bad.topic = "sensors";
+  EXPECT_EQ(joint(bad), "sensors with a topic has 9 elements: expected at most 8");
   EXPECT_TRUE(joint(good, {100, 25, 6}).starts_with("natural frequency of tau, alpha and beta is 2500"));
   EXPECT_TRUE(joint(good, {0.25, 25, 6}, 500).starts_with("duration is 500"));
   EXPECT_TRUE(

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -24,7 +25,8 @@ namespace realtime {
 // So v w_0 is how far the dimension ends from its start.
 //
 // The spring is linear: the motion is that from rest at the start, which does not depend on the start, and the response
-// to a velocity at the start. Both are computed at construction, and the end is known as soon as the start is.
+// to a velocity at the start. Both are computed at construction, and the end is known as soon as the start is. Values of
+// sensors that change meanwhile: dmp_sensors.hpp.
 
 enum class FirstBasis { kMinJerk, kGoal, kGaussian };
 
@@ -33,6 +35,7 @@ struct DmpForce {
   std::vector<double> mu, h;
   std::vector<double> weights;  // of each dimension, in it of each sensor, in it of each basis function
   std::vector<double> initial_sensor_values;  // v_s; none: 1
+  std::optional<std::string> topic{};         // over which they come anew while the motion runs
 };
 
 struct DmpSpring {
@@ -40,7 +43,7 @@ struct DmpSpring {
   double alpha, beta;  // without unit
 };
 
-// f of N dimensions, sensors at their initial values.
+// f of N dimensions: of all sensors at their initial values or, where these will change, of each at the value 1.
 template <int N>
 class DmpForcing {
  public:
@@ -49,7 +52,7 @@ class DmpForcing {
   // Sensor values are of each dimension, or the same for all of them. `prefix` stands before the fields' names. Throws
   // std::invalid_argument which says what has another size than expected.
   DmpForcing(const std::string& prefix, const DmpForce& force, FirstBasis first, bool values_of_each_dimension)
-      : first_(first), mu_(force.mu), h_(force.h), weights_(Weights::Zero(N, static_cast<int>(force.mu.size()))) {
+      : first_(first), mu_(force.mu), h_(force.h) {
     constexpr std::size_t kMost = 100;
     const std::size_t basis = mu_.size(), dimensions = N;
     if (basis < 1 || basis > kMost) refuse(prefix + "mu", basis, "1 to 100");
@@ -62,6 +65,9 @@ class DmpForcing {
              std::to_string(dimensions * basis) +
                  ", one for each dimension and basis function, for each of at most 100 sensors");
     }
+    if (force.topic && sensors > kMostLive) refuse("sensors with a topic", sensors, "at most " + std::to_string(kMostLive));
+    weights_.assign(force.topic ? sensors : 1, Weights::Zero(N, static_cast<int>(basis)));
+    values_ = Values::Ones(N, static_cast<int>(weights_.size()));
     for (std::size_t k = 0; k < basis; ++k) {
       require_within(prefix + "mu", static_cast<int>(k), mu_[k], -1e3, 1e3, "");
       require_within(prefix + "h", static_cast<int>(k), h_[k], 0, 1e12, "");
@@ -74,31 +80,40 @@ class DmpForcing {
         for (std::size_t k = 0; k < basis; ++k) {
           const std::size_t index = (i * sensors + s) * basis + k;
           require_within(prefix + "weights", static_cast<int>(index), force.weights[index], -1e6, 1e6, "");
-          weights_(static_cast<int>(i), static_cast<int>(k)) += value * force.weights[index];
+          weights_[force.topic ? s : 0](static_cast<int>(i), static_cast<int>(k)) += (force.topic ? 1 : value) * force.weights[index];
         }
+        if (force.topic) values_(static_cast<int>(i), static_cast<int>(s)) = value;
       }
     }
   }
 
+  using Values = Eigen::Matrix<double, N, Eigen::Dynamic>;
+
+  // Initial ones, of each dimension and sensor; without a topic there is one sensor, of the value 1.
+  const Values& values() const { return values_; }
+  int sensors() const { return static_cast<int>(weights_.size()); }
+
   // `u`: of the first basis function; both from 0.
-  Vector at(double x, double u) const {
+  Vector at(double x, double u, int sensor = 0) const {
+    const Weights& weights = weights_[static_cast<std::size_t>(sensor)];
     constexpr double kLeast = 1e-8;  // where no basis function is near
     double sum = kLeast;
     Vector f = Vector::Zero();
     for (std::size_t k = first_ == FirstBasis::kGaussian ? 0 : 1; k < mu_.size(); ++k) {
       const double psi = std::exp(-h_[k] * (x - mu_[k]) * (x - mu_[k]));
       sum += psi;
-      f += psi * weights_.col(static_cast<int>(k));
+      f += psi * weights.col(static_cast<int>(k));
     }
     f *= x / sum;
     u = std::min(u, 1.0);
-    if (first_ == FirstBasis::kMinJerk) f += u * u * u * (10 + u * (-15 + u * 6)) * weights_.col(0);
-    if (first_ == FirstBasis::kGoal) f += weights_.col(0);
+    if (first_ == FirstBasis::kMinJerk) f += u * u * u * (10 + u * (-15 + u * 6)) * weights.col(0);
+    if (first_ == FirstBasis::kGoal) f += weights.col(0);
     return f;
   }
 
  private:
   using Weights = Eigen::Matrix<double, N, Eigen::Dynamic>;
+  static constexpr std::size_t kMostLive = 8;  // sensors, each of which has a rollout
 
   [[noreturn]] static void refuse(const std::string& field, std::size_t size, const std::string& expected) {
     throw std::invalid_argument(field + " has " + std::to_string(size) + " elements: expected " + expected);
@@ -106,7 +121,8 @@ class DmpForcing {
 
   FirstBasis first_;
   std::vector<double> mu_, h_;
-  Weights weights_;
+  std::vector<Weights> weights_;  // of each sensor
+  Values values_;
 };
 
 // The springs of N dimensions for a while, a table that is read at any time: at steps of 1 ms, of those that last longer than
@@ -174,16 +190,7 @@ class DmpRollout {
     return {split(x), split(v), split(a)};
   }
 
-  // Calls visit(v, a, j) at all steps; j is that since the step before, so that it leaves out how the motion begins.
-  template <class Visit>
-  void visit_rates(Visit visit) const {
-    Point last = at(0).a;
-    for (std::size_t k = 0; k <= steps_; ++k) {
-      const Rates now = at(static_cast<double>(k) * step_);
-      visit(now.v, now.a, Vector((now.a.forced - last.forced) / step_));
-      last = now.a;
-    }
-  }
+  std::size_t steps() const { return steps_; }
 
  private:
   static constexpr double kStep = 0.001;  // s
@@ -198,8 +205,20 @@ class DmpRollout {
   std::vector<State> x_, v_;
 };
 
+// Calls visit(v, a, j) at all steps; j is that since the step before, so that it leaves out how the motion begins.
+template <class Rollout, class Visit>
+void visit_rates(const Rollout& rollout, Visit visit) {
+  const double step = rollout.duration() / static_cast<double>(rollout.steps());
+  auto last = rollout.at(0).a;
+  for (std::size_t k = 0; k <= rollout.steps(); ++k) {
+    const auto now = rollout.at(static_cast<double>(k) * step);
+    visit(now.v, now.a, typename Rollout::Vector((now.a.forced - last.forced) / step));
+    last = now.a;
+  }
+}
+
 // A rollout from a start, on a clock that is slower by a factor; where it is cut off it comes to rest by a decay.
-template <int N>
+template <int N, class Rollout = DmpRollout<N>>
 class DmpMotion {
  public:
   using Vector = Eigen::Matrix<double, N, 1>;
@@ -209,7 +228,7 @@ class DmpMotion {
   };
 
   // From base + offset, where the springs pull to `base`, with the velocity dy0. The rollout must outlive the motion.
-  void start(const DmpRollout<N>& rollout, const Vector& base, const Vector& offset, const Vector& dy0, double slower) {
+  void start(const Rollout& rollout, const Vector& base, const Vector& offset, const Vector& dy0, double slower) {
     rollout_ = &rollout;
     base_ = base;
     offset_ = offset;
@@ -230,10 +249,14 @@ class DmpMotion {
     return goal;
   }
 
+  // The same after the rollout has changed.
+  Vector come_to_rest() { return come_to_rest(duration_ - cut()); }
+
   double duration() const { return duration_; }
+  double clock(double t) const { return t / slower_; }
 
   Point at(double t) const {
-    if (t < cut()) return at_clock(t / slower_);
+    if (t < cut()) return at_clock(clock(t));
     const auto point = rest_.at(t - cut());
     return {point.x, point.v, point.a};
   }
@@ -247,7 +270,7 @@ class DmpMotion {
             (r.a.forced + r.a.from_position * offset_) / (s * s) + r.a.from_velocity / s * dy0_};
   }
 
-  const DmpRollout<N>* rollout_ = nullptr;
+  const Rollout* rollout_ = nullptr;
   Vector base_, offset_, dy0_;
   double slower_ = 1, duration_ = 0;
   MinJerk<N> rest_;

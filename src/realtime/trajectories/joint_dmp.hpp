@@ -1,7 +1,7 @@
 #pragma once
 
 #include "models/arm.hpp"
-#include "realtime/trajectories/dmp.hpp"
+#include "realtime/trajectories/dmp_sensors.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 
 namespace realtime {
@@ -10,7 +10,8 @@ namespace realtime {
 // its velocity; its acceleration there is that of the springs, so that the limiter rounds it. It is cut off after its
 // duration; joints that still move then decay to rest. As a whole it is made slower where the learned motion breaks the
 // limits of velocity, acceleration and jerk; FR3's envelope, and what a velocity at the start adds, are left to the
-// limiter.
+// limiter; so is what values of sensors that come while it
+// runs make of it.
 class JointDmp : public TrajectoryGenerator {
  public:
   struct Parameters {
@@ -22,6 +23,7 @@ class JointDmp : public TrajectoryGenerator {
   // Throws std::invalid_argument naming field, value and bound.
   JointDmp(const Parameters& parameters, const models::Limits& limits);
 
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return rollout_.inputs(); }
   Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
@@ -31,10 +33,12 @@ class JointDmp : public TrajectoryGenerator {
   double stretch() const noexcept override { return slower_; }
 
  private:
+  void set_goal(const Vector7& q) noexcept;
+
   models::Limits limits_;
-  DmpRollout<7> rollout_;
+  DmpSensors<7> rollout_;
   double slower_ = 1;
-  DmpMotion<7> motion_;
+  DmpMotion<7, DmpSensors<7>> motion_;
   Reference goal_;
   bool shortened_ = false;
 };

@@ -9,20 +9,23 @@ using Dimensions = PoseDmp::Dimensions;
 
 constexpr double kSingular = 0.05;  // cos of the middle angle
 
-DmpRollout<6> rollout(FirstBasis first, const PoseDmp::Parameters& parameters) {
+template <int M>
+DmpSensors<6> rollout(FirstBasis first, const PoseDmp::Parameters& parameters, int from) {
   require_within("duration", -1, parameters.duration, 0.001, 120, "s");
+  const DmpForcing<M> forcing("", parameters.force, first, true);
   const double tau = parameters.spring.tau;
-  const auto roll = [&](auto force) { return DmpRollout<6>("", parameters.spring, parameters.duration, force); };
-  if (parameters.dimensions == Dimensions::kAll) {
-    const DmpForcing<6> forcing("", parameters.force, first, true);
-    return roll([&](double t) { return forcing.at(std::exp(-tau * t), 2 * tau * t); });
-  }
-  const DmpForcing<3> forcing("", parameters.force, first, true);
-  return roll([&](double t) {
-    Vector6 f = Vector6::Zero();
-    f.segment<3>(parameters.dimensions == Dimensions::kPosition ? 0 : 3) = forcing.at(std::exp(-tau * t), 2 * tau * t);
-    return f;
-  });
+  return {"", parameters.spring, parameters.duration, forcing, from, parameters.force.topic, true, [&](int sensor) {
+            return [&, sensor](double t) {
+              Vector6 f = Vector6::Zero();
+              f.segment<M>(from) = forcing.at(std::exp(-tau * t), 2 * tau * t, sensor);
+              return f;
+            };
+          }};
+}
+
+DmpSensors<6> rollout(FirstBasis first, const PoseDmp::Parameters& parameters) {
+  if (parameters.dimensions == Dimensions::kAll) return rollout<6>(first, parameters, 0);
+  return rollout<3>(first, parameters, parameters.dimensions == Dimensions::kPosition ? 0 : 3);
 }
 
 // --- Euler angles e of R = Rx(e0) Ry(e1) Rz(e2): w = E de, the columns of E being the axes that they turn about ------
@@ -63,7 +66,7 @@ double carried(const Vector3& v) {
 PoseDmp::PoseDmp(FirstBasis first, const Parameters& parameters, const models::Limits& limits)
     : limits_(limits), ee_frame_(parameters.ee_frame), rollout_(rollout(first, parameters)) {
   goal_.motion = Channels::kPose;
-  rollout_.visit_rates([&](const auto& v, const auto& a, const Vector6& j) {
+  visit_rates(rollout_, [&](const auto& v, const auto& a, const Vector6& j) {
     const Vector3 de = v.forced.template tail<3>();
     slower_ = std::max({slower_,
                         slower(v.forced.template head<3>().norm(), a.forced.template head<3>().norm(),
@@ -82,6 +85,7 @@ void PoseDmp::start(const Reference& from) noexcept {
   Vector3 de = Vector3::Zero();
   if (std::abs(std::cos(base[4])) > kSingular) de = axes(base.tail<3>()).inverse() * pose.velocity.tail<3>();
   dy0 << axes_.transpose() * pose.velocity.head<3>(), de;
+  rollout_.start();
   motion_.start(rollout_, base, Vector6::Zero(), dy0, slower_);
   const auto end = motion_.at_cut();
   const double decay =
@@ -95,6 +99,7 @@ bool PoseDmp::step(const Cycle&, double time, Reference& reference) noexcept {
     reference = goal_;
     return true;
   }
+  if (time < motion_.cut() && rollout_.take(motion_.clock(time))) place(motion_.come_to_rest(), goal_.cartesian);
   const auto point = motion_.at(time);
   reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;

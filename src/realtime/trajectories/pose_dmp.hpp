@@ -1,7 +1,7 @@
 #pragma once
 
 #include "models/arm.hpp"
-#include "realtime/trajectories/dmp.hpp"
+#include "realtime/trajectories/dmp_sensors.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 
 namespace realtime {
@@ -25,6 +25,7 @@ class PoseDmp : public TrajectoryGenerator {
   // std::invalid_argument naming field, value and bound.
   PoseDmp(FirstBasis first, const Parameters& parameters, const models::Limits& limits);
 
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return rollout_.inputs(); }
   Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
@@ -38,9 +39,9 @@ class PoseDmp : public TrajectoryGenerator {
 
   models::Limits limits_;
   bool ee_frame_;
-  DmpRollout<6> rollout_;
+  DmpSensors<6> rollout_;
   double slower_ = 1;
-  DmpMotion<6> motion_;  // way along the axes of `axes_`, and Euler angles
+  DmpMotion<6, DmpSensors<6>> motion_;  // way along the axes of `axes_`, and Euler angles
   Vector3 from_ = Vector3::Zero();
   Eigen::Matrix3d axes_ = Eigen::Matrix3d::Identity();
   Reference goal_;

@@ -10,12 +10,12 @@ using Parameters = QuaternionPoseDmp::Parameters;
 
 constexpr int kSamples = 200;  // of a rollout
 
-DmpRollout<3> translation(const Parameters& parameters) {
+DmpSensors<3> translation(const Parameters& parameters) {
   require_within("duration", -1, parameters.duration, 0.001, 120, "s");
   const DmpForcing<3> forcing("position_", parameters.position_force, FirstBasis::kMinJerk, true);
   const double tau = parameters.position_spring.tau;
-  return {"position_", parameters.position_spring, parameters.duration,
-          [&](double t) { return forcing.at(std::exp(-tau * t), 2 * tau * t); }};
+  return {"position_", parameters.position_spring, parameters.duration, forcing, 0, parameters.position_force.topic, true,
+          [&](int sensor) { return [&, sensor](double t) { return forcing.at(std::exp(-tau * t), 2 * tau * t, sensor); }; }};
 }
 
 // In the form of all others: tau = 1/T, and a force that is not multiplied by alpha beta.
@@ -38,7 +38,7 @@ QuaternionPoseDmp::QuaternionPoseDmp(const Parameters& parameters, const models:
       translation_rollout_(translation(parameters)),
       rotation_rollout_(rotation(parameters)) {
   goal_.motion = Channels::kPose;
-  translation_rollout_.visit_rates([&](const auto& v, const auto& a, const Vector3& j) {
+  visit_rates(translation_rollout_, [&](const auto& v, const auto& a, const Vector3& j) {
     translation_slower_ =
         std::max(translation_slower_, slower(v.forced.norm(), a.forced.norm(), j.norm(), limits_.translation));
   });
@@ -58,10 +58,12 @@ void QuaternionPoseDmp::start(const Reference& from) noexcept {
     most_a = std::max(most_a, (rates.a.forced + rates.a.from_position * r).norm());
   }
   slower_ = std::max(translation_slower_, slower(most_v, most_a, 0, limits_.rotation));
+  translation_rollout_.start();
   translation_.start(translation_rollout_, Vector3::Zero(), Vector3::Zero(),
                      axes_.transpose() * pose.velocity.head<3>(), slower_);
   rotation_.start(rotation_rollout_, Vector3::Zero(), r, dr, slower_);
-  const auto x_end = translation_.at_cut(), r_end = rotation_.at_cut();
+  const auto x_end = translation_.at_cut();
+  const auto r_end = rotation_.at_cut();
   const double decay = std::max(decay_duration(x_end.dy.norm(), x_end.ddy.norm(), limits_.translation),
                                 decay_duration(r_end.dy.norm(), r_end.ddy.norm(), limits_.rotation));
   goal_.cartesian.position = from_ + axes_ * translation_.come_to_rest(decay);
@@ -73,7 +75,11 @@ bool QuaternionPoseDmp::step(const Cycle&, double time, Reference& reference) no
     reference = goal_;
     return true;
   }
-  const auto x = translation_.at(time), r = rotation_.at(time);
+  if (time < translation_.cut() && translation_rollout_.take(translation_.clock(time))) {
+    goal_.cartesian.position = from_ + axes_ * translation_.come_to_rest();
+  }
+  const auto x = translation_.at(time);
+  const auto r = rotation_.at(time);
   const auto rates = rotation_rates(r.y, r.dy, r.ddy);
   reference.motion = Channels::kPose;
   CartesianReference& pose = reference.cartesian;

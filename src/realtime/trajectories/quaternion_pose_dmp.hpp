@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 
 #include "models/arm.hpp"
-#include "realtime/trajectories/dmp.hpp"
+#include "realtime/trajectories/dmp_sensors.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 
 namespace realtime {
@@ -33,6 +33,7 @@ class QuaternionPoseDmp : public TrajectoryGenerator {
   // Throws std::invalid_argument naming field, value and bound.
   QuaternionPoseDmp(const Parameters& parameters, const models::Limits& limits);
 
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return translation_rollout_.inputs(); }
   Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
@@ -44,9 +45,11 @@ class QuaternionPoseDmp : public TrajectoryGenerator {
   models::Limits limits_;
   bool ee_frame_;
   Eigen::Quaterniond goal_orientation_;
-  DmpRollout<3> translation_rollout_, rotation_rollout_;
+  DmpSensors<3> translation_rollout_;
+  DmpRollout<3> rotation_rollout_;
   double translation_slower_ = 1, slower_ = 1;
-  DmpMotion<3> translation_, rotation_;
+  DmpMotion<3, DmpSensors<3>> translation_;
+  DmpMotion<3> rotation_;
   Vector3 from_ = Vector3::Zero();
   Eigen::Matrix3d axes_ = Eigen::Matrix3d::Identity();
   Reference goal_;

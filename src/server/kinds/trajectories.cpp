@@ -77,7 +77,8 @@ auto pose_dmp(realtime::FirstBasis first) {
     }
     return new realtime::PoseDmp(first,
                                  {{m.tau(), m.alpha(), m.beta()},
-                                  {list(m.mu()), list(m.h()), list(m.weights()), list(m.initial_sensor_values())},
+                                  {list(m.mu()), list(m.h()), list(m.weights()), list(m.initial_sensor_values()),
+                                   given(m.has_topic(), m.topic())},
                                   m.duration(),
                                   m.position_only()      ? Dimensions::kPosition
                                   : m.orientation_only() ? Dimensions::kOrientation
@@ -171,7 +172,8 @@ std::vector<Kind<realtime::TrajectoryGenerator>>& trajectories() {
       }),
       trajectory<proto::JointDmp>([](const auto& m, const auto& arm) {
         return new realtime::JointDmp({{m.tau(), m.alpha(), m.beta()},
-                                       {list(m.mu()), list(m.h()), list(m.weights()), list(m.initial_sensor_values())},
+                                       {list(m.mu()), list(m.h()), list(m.weights()), list(m.initial_sensor_values()),
+                                   given(m.has_topic(), m.topic())},
                                        m.duration()},
                                       arm.limits);
       }),
@@ -180,7 +182,8 @@ std::vector<Kind<realtime::TrajectoryGenerator>>& trajectories() {
       trajectory<proto::QuaternionPoseDmp>([](const auto& m, const auto& arm) {
         return new realtime::QuaternionPoseDmp(
             {{m.position_tau(), m.position_alpha(), m.position_beta()},
-             {list(m.position_mu()), list(m.position_h()), list(m.position_weights()), list(m.initial_sensor_values())},
+             {list(m.position_mu()), list(m.position_h()), list(m.position_weights()), list(m.initial_sensor_values()),
+                                   given(m.has_topic(), m.topic())},
              m.quat_alpha(),
              m.quat_beta(),
              {list(m.quat_mu()), list(m.quat_h()), list(m.quat_weights()), {}},
