@@ -361,6 +361,7 @@ def JointDmp(
     weights: ArrayLike,
     initial_sensor_values: ArrayLike | None = None,
     duration: float | None = None,
+    topic: str | None = None,
 ) -> proto.JointDmp:
     """Dynamic movement primitive of each joint: y'' = tau^2 (alpha (beta (y0 - y) - y'/tau) + alpha beta f), where f is the
     sum of sensor value * weight * basis function over sensors and basis functions, and x' = -tau x. The first basis
@@ -376,6 +377,8 @@ def JointDmp(
             function after basis function. Another number of sensors than one is known by the sensor values.
         initial_sensor_values: numbers, -1e+06 to 1e+06, may be left out. of each sensor; none: 1
         duration: s, 0.001 to 120, default 5.0.
+        topic: may be left out. Over which DmpSensorValues come while it runs, in place of the initial ones; of at most 8
+            sensors.
     """
 
 def PoseDmp(
@@ -390,6 +393,7 @@ def PoseDmp(
     position_only: bool | None = None,
     orientation_only: bool | None = None,
     ee_frame: bool | None = None,
+    topic: str | None = None,
 ) -> proto.PoseDmp:
     """As JointDmp, of the position of EE and its intrinsic XYZ Euler angles: six dimensions, or three of them with one of the
     two flags.
@@ -407,6 +411,7 @@ def PoseDmp(
         position_only: may be left out.
         orientation_only: may be left out.
         ee_frame: may be left out. the translation is along the axes of EE at the start; else of O
+        topic: may be left out. of DmpSensorValues, as with JointDmp
     """
 
 def GoalPoseDmp(
@@ -421,6 +426,7 @@ def GoalPoseDmp(
     position_only: bool | None = None,
     orientation_only: bool | None = None,
     ee_frame: bool | None = None,
+    topic: str | None = None,
 ) -> proto.GoalPoseDmp:
     """As PoseDmp, with a first basis function that is 1 all the time: what it weighs pulls from the beginning as a goal does.
 
@@ -436,6 +442,7 @@ def GoalPoseDmp(
         position_only: may be left out.
         orientation_only: may be left out.
         ee_frame: may be left out.
+        topic: may be left out. of DmpSensorValues, as with JointDmp
     """
 
 def QuaternionPoseDmp(
@@ -455,6 +462,7 @@ def QuaternionPoseDmp(
     goal_quat_time: float | None = None,
     duration: float | None = None,
     ee_frame: bool | None = None,
+    topic: str | None = None,
 ) -> proto.QuaternionPoseDmp:
     """The position as with PoseDmp, the orientation by a movement primitive of its rotation vector r from the goal: r'' =
     (alpha (-beta r - r' T) + f) / T^2, T = goal_quat_time, with basis functions of x = exp(-t/T); f is 0 after T.
@@ -476,6 +484,7 @@ def QuaternionPoseDmp(
         goal_quat_time: s, 0.001 to 120, must be given.
         duration: s, 0.001 to 120, default 5.0.
         ee_frame: may be left out.
+        topic: may be left out. of DmpSensorValues for the position, as with JointDmp
     """
 
 def Impulse(
