@@ -3,6 +3,7 @@
 import re
 import subprocess
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from peer import REPOSITORY, Result, environment, free_address
@@ -98,17 +99,16 @@ def write_table(results: list[Result]) -> None:
 
 def run(build: Path) -> Iterator[Result]:
     """Every client, and the table of what came of it."""
-    results = []
 
-    def kept(some: Iterator[Result]) -> Iterator[Result]:
-        for result in some:
-            results.append(result)
-            yield result
-
-    for name, version, script, robot in CLIENTS:
+    def results_of(client: tuple[str, str, str, str]) -> list[Result]:
+        name, version, script, robot = client
         python = environment(name, version)
-        yield from kept(try_client(f"{name} {version}", python, script, robot, build / "bin" / "fci-sim"))
-    yield from kept(try_own(build / "bin" / "sim_test"))
+        return list(try_client(f"{name} {version}", python, script, robot, build / "bin" / "fci-sim"))
+
+    with ThreadPoolExecutor() as side_by_side:
+        results = [result for some in side_by_side.map(results_of, CLIENTS) for result in some]
+    results += try_own(build / "bin" / "sim_test")
+    yield from results
     missing = set(error_names()) - {result.capability for result in results if result.ok} - set(UNPROVOKED)
     for error in sorted(missing):
         yield Result("all", "lockstep", error, False, "nobody has received it")

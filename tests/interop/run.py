@@ -5,9 +5,9 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import ModuleType
 
 import clients
 import errors
@@ -39,11 +39,20 @@ def write_junit(file: Path, results: list[tuple[Result, float]]) -> None:
 MODULES = {"clients": clients, "models": models, "errors": errors, "servers": servers}
 
 
-def run_module(module: ModuleType, arguments: argparse.Namespace) -> Iterator[Result]:
-    """Run one of them."""
-    if module is clients:
-        return clients.run(arguments.build, ["lockstep"] if arguments.lockstep else clients.MODES)
-    return module.run(arguments.build)
+def run_module(name: str, arguments: argparse.Namespace) -> Iterator[tuple[Result, float]]:
+    """Run one of them; each row, and how long it took, s."""
+    if arguments.lockstep and name == "servers":
+        print("servers: not run here, these arms keep real time")
+        return
+    last = time.monotonic()
+    try:
+        modes = {"modes": ["lockstep"]} if arguments.lockstep and name == "clients" else {}
+        for result in MODULES[name].run(arguments.build, **modes):
+            now = time.monotonic()
+            yield result, now - last
+            last = now
+    except (OSError, subprocess.SubprocessError) as error:  # a peer that cannot be installed, for one
+        yield Result(name, "", "run to the end", False, f"{type(error).__name__}: {error}"), time.monotonic() - last
 
 
 def main() -> int:
@@ -57,27 +66,22 @@ def main() -> int:
     if unknown := set(arguments.module) - set(MODULES):
         parser.error(f"no such module: {', '.join(sorted(unknown))}")
 
-    def everything() -> Iterator[Result]:
-        for name, module in MODULES.items():
-            if arguments.module and name not in arguments.module:
-                continue
-            print(f"\n{module.__doc__}")
-            if arguments.lockstep and module is servers:
-                print("not run here: these arms keep real time")
-                continue
-            try:
-                yield from run_module(module, arguments)
-            except (OSError, subprocess.SubprocessError) as error:  # a peer that cannot be installed, for one
-                yield Result(name, "", "run to the end", False, f"{type(error).__name__}: {error}")
+    names = arguments.module or list(MODULES)
+
+    def everything() -> Iterator[tuple[str, Iterable[tuple[Result, float]]]]:
+        if not arguments.lockstep:
+            yield from ((name, run_module(name, arguments)) for name in names)
+            return
+        with ThreadPoolExecutor() as side_by_side:  # nothing depends on this computer's speed
+            yield from zip(names, side_by_side.map(lambda name: list(run_module(name, arguments)), names), strict=True)
 
     results: list[tuple[Result, float]] = []
-    last = time.monotonic()
-    for result in everything():
-        now = time.monotonic()
-        results.append((result, now - last))
-        last = now
-        why = result.excuse if result.excuse and not result.ok else result.why
-        print(f"{result.peer:24}{result.mode:12}{result.capability:60}{verdict(result):12}{why}", flush=True)
+    for name, rows in everything():
+        print(f"\n{MODULES[name].__doc__}")
+        for result, seconds in rows:
+            results.append((result, seconds))
+            why = result.excuse if result.excuse and not result.ok else result.why
+            print(f"{result.peer:24}{result.mode:12}{result.capability:60}{verdict(result):12}{why}", flush=True)
     if arguments.junit:
         write_junit(arguments.junit, results)
     verdicts = [verdict(result) for result, _ in results]
