@@ -283,7 +283,7 @@ def StreamJoint(
     """Targets that are sent over a topic while the skill runs, made into a smooth motion inside a share of the arm's limits:
     joint positions (JointPositionSensorMessage, JointPositionVelocitySensorMessage, JointChunk) or poses
     (PosePositionSensorMessage, PosePositionVelocitySensorMessage, PoseChunk). It stays where it is until the first comes;
-    where they cease it brakes. It has no end of its own.
+    where they cease it comes to rest at the last. It has no end of its own.
 
     Args:
         topic: must be given.

@@ -43,7 +43,7 @@ def test_the_tutorial_puts_the_peg_into_its_hole(start, monkeypatch, capsys):
     assert 0 < tool["contact.py"][2] < 0.015, "the fingertips reach some 10 mm below the tool's centre"
     soft, stiff = (float(force) for force in re.findall(r"N/m: (\S+) N", said))
     assert soft == pytest.approx(3, abs=1) and stiff == pytest.approx(9, abs=1.5)
-    np.testing.assert_allclose(tool["streaming.py"], tool["stiffness.py"], atol=0.01)  # once round
+    np.testing.assert_allclose(tool["streaming.py"], tool["stiffness.py"] + [0, -0.05, 0.1], atol=0.01)
     peg = {name: truth.objects["peg"][:3, 3] for name, truth in seen.items()}
     assert peg["pick_up.py"][2] > 0.12
     np.testing.assert_allclose(peg["peg_in_hole.py"], [0.5, 0.15, 0.04], atol=0.004)

@@ -95,7 +95,7 @@ TEST(TargetStream, IsSmoothWhateverTheNetworkDoes) {
   }
 }
 
-TEST(TargetStream, BrakesWhereTargetsCeaseAndComesBackSmoothly) {
+TEST(TargetStream, RestsAtTheLastWhereTargetsCeaseAndComesBackSmoothly) {
   Stream stream(0.05, 0, kRates);
   stream.start({});
   std::vector<Vector> x;
@@ -105,10 +105,34 @@ TEST(TargetStream, BrakesWhereTargetsCeaseAndComesBackSmoothly) {
     if (i % 20 == 0 && !silent) stream.add(t, {wave(t), t, 0, false});
     x.push_back(stream.at(t).x);
   }
-  EXPECT_LT((x[2990] - x[2500]).norm(), 1e-9);  // at rest
+  EXPECT_LT((x[2990] - wave(1.5)).norm(), 1e-8);
   const Watched seen = Watch{0, x, 100}.judge();
   EXPECT_LT(seen.most_a, 12);
   EXPECT_LT((x[5000] - wave(5.0 - 0.05)).norm(), 2e-3);
+}
+
+// A publisher, or the network, stands still and then sends all that it had in a heap, in `within` s.
+TEST(TargetStream, TargetsInAHeapAreNoFastMotion) {
+  for (const double within : {0.0, 0.002, 0.01, 0.04, 0.1, 0.2, 0.3}) {
+    for (const std::optional<double> delay : {std::optional<double>(), std::optional(0.04)}) {
+      Stream stream(delay, 0, kRates);
+      stream.start({});
+      std::vector<Vector> x;
+      int sent = 0;  // messages, one each 20 ms, of an even motion of 0.3 m/s
+      const auto arrives = [&](int i) { return i < 50 ? 0.02 * i : i < 100 ? 2 + within * (i - 50) / 50 : 4e9; };
+      for (int i = 0; i < 4000; ++i) {
+        const double t = i * kTick;
+        for (; arrives(sent) <= t; ++sent) stream.add(t, {Vector(0.3, -0.2) * 0.02 * sent, 0.02 * sent, 0, false});
+        x.push_back(stream.at(t).x);
+      }
+      const Vector last = Vector(0.3, -0.2) * 0.02 * 99;
+      double beyond = 0;
+      for (const Vector& at : x) beyond = std::max({beyond, at[0] - last[0], last[1] - at[1]});
+      EXPECT_LT(beyond, 0.012) << within;  // 0.3 m/s come to rest within 10 mm inside the rates
+      EXPECT_LT((x.back() - last).norm(), 1e-8) << within;
+      EXPECT_LT(Watch({0, x, 100}).judge().most_a, 6 * 1.75) << within;
+    }
+  }
 }
 
 TEST(TargetStream, AJumpIsGoneToInsideTheRates) {

@@ -18,9 +18,9 @@ namespace realtime {
 // With delay 0 each target is gone to at once, time-optimally inside the rates. With a delay the targets are knots of a cubic
 // Hermite spline that is passed so long after they were meant, with slopes from their neighbours (Catmull-Rom); a slope stays
 // as it is once the segment before it is begun, so that position and velocity are continuous. Where targets run out the motion
-// brakes; one that comes when its time has passed begins the delay anew; where targets jump, or come back, the difference fades
-// as fast as the rates allow, however often that begins again. Without a given delay it is twice the time between targets, as
-// observed.
+// brakes, and then comes back to the last; one that comes when its time has passed begins the delay anew; where targets jump, come back, or
+// come in a heap, the difference fades as fast as the rates allow, however often that begins again. Without a given delay it is
+// twice the time between targets, as observed.
 template <int N>
 class TargetStream {
  public:
@@ -61,6 +61,7 @@ class TargetStream {
     plan_start_ = heard_ = 0;
     count_ = 0;
     fade_end_ = -1;
+    ran_out_ = false;
     clock_ = kNever;
     period_ = 0;
     delay_ = given_delay_.value_or(kMostDelay);
@@ -72,7 +73,7 @@ class TargetStream {
   void add(double time, const Target& target) {
     heard_ = time;
     buffered_ = buffered_ || target.lead > 0;
-    if (!buffered_) return go_to(target.x);
+    if (!buffered_) return go_to(target.x, out_);
     double t = time;
     if (std::isfinite(target.sent)) {
       // The least way that a message took: what others took longer is no motion.
@@ -85,18 +86,22 @@ class TargetStream {
       }
     }
     observe_period(t, target);
+    const double meant = target.sent + target.lead;
     if (target.lead > 0) t += target.lead - delay_;
     if (target.replaces) {
       while (count_ > 0 && knots_[count_ - 1].t >= t && !knots_[count_ - 1].used) --count_;
     }
     const double p = time_ - delay_;
-    if (count_ == 0 && t > p + kLeastStep) knots_[count_++] = {p, desired_.x, Vector::Zero(), false};
+    if (count_ == 0 && t > p + kLeastStep) knots_[count_++] = {p, kNever, desired_.x};
     if (count_ > 0 && t <= knots_[count_ - 1].t + kLeastStep) {
-      if (!knots_[count_ - 1].used) knots_[count_ - 1].x = target.x;
+      if (Knot& last = knots_[count_ - 1]; !last.used) {
+        last.x = target.x;
+        last.meant = meant;
+      }
       return;
     }
     if (count_ == kKnots) drop_first();
-    knots_[count_++] = {t, target.x, Vector::Zero(), false};
+    knots_[count_++] = {t, meant, target.x};
   }
 
   // Times do not decrease.
@@ -123,11 +128,13 @@ class TargetStream {
   static constexpr double kLeastDelay = 0.002, kMostDelay = 0.5;  // s
   static constexpr double kFadeShare = 0.7;     // of the rates
   static constexpr double kSoft = 1.5;          // times the acceleration that the spline may have
+  static constexpr double kHeap = 0.5;          // of the time meant between targets: less is a heap after a pause
 
   struct Knot {
-    double t;  // s
-    Vector x, v;
-    bool used;          // v is final
+    double t;      // s
+    double meant;  // s, by the clock of its publisher; NaN: unknown
+    Vector x, v = Vector::Zero();
+    bool used = false;  // v is final
     bool left = false;  // the motion to the next has begun
   };
 
@@ -151,8 +158,8 @@ class TargetStream {
     }
   }
 
-  void go_to(const Vector& x) {
-    set_current(out_);
+  void go_to(const Vector& x, const Point& from) {
+    set_current(from);
     planner_.in.control_interface = ruckig::ControlInterface::Position;
     for (int i = 0; i < N; ++i) planner_.in.target_position[i] = x[i];
     plan_start_ = time_;
@@ -187,6 +194,7 @@ class TargetStream {
   }
 
   bool jumps(const Knot& from, const Knot& to) const {
+    if (to.t - from.t < kHeap * (to.meant - from.meant)) return true;
     for (int i = 0; i < N; ++i) {
       if (std::abs(to.x[i] - from.x[i]) > rates_[i].velocity * (to.t - from.t)) return true;
     }
@@ -231,16 +239,22 @@ class TargetStream {
     while (count_ >= 3 && knots_[2].t <= p) drop_first();
     int i = 0;  // the last knot that is passed
     while (i + 1 < count_ && knots_[i + 1].t <= p) ++i;
-    if (count_ == 0 || p < knots_[0].t) return braked_ ? planned(time - plan_start_) : desired_;
+    if (count_ == 0 || p < knots_[0].t) {
+      if (!ran_out_) return desired_;
+      if (braked_ && time - plan_start_ > planner_.trajectory.get_duration()) go_to(last_, planned(time - plan_start_));
+      return planned(time - plan_start_);
+    }
     fix(i);
     if (i + 1 == count_) {  // targets have run out
       desired_ = {knots_[i].x, knots_[i].v, Vector::Zero()};
       plan_start_ = knots_[i].t + delay_;
       brake();
+      ran_out_ = true;
+      last_ = knots_[i].x;
       count_ = 0;
       return planned(time - plan_start_);
     }
-    braked_ = false;
+    ran_out_ = false;
     Knot &from = knots_[i], &to = knots_[i + 1];
     if (jumps(from, to)) return {to.x, Vector::Zero(), Vector::Zero()};
     fix(i + 1);
@@ -293,7 +307,8 @@ class TargetStream {
 
   double plan_start_ = 0;  // s
   bool planned_ = false, braked_ = true;
-  Vector end_ = Vector::Zero();
+  bool ran_out_ = false;  // of knots, of which the last was at last_
+  Vector end_ = Vector::Zero(), last_ = Vector::Zero();
 
   std::array<Knot, kKnots> knots_;
   int count_ = 0;
