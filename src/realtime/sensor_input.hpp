@@ -18,7 +18,7 @@ struct SensorSample {
   static constexpr std::size_t kMost = 40;  // numbers
 
   int message = 0;             // which of SensorInput::messages() it is
-  std::int64_t sent_ns = 0;    // by the publisher's clock; 0: not said
+  std::int64_t sent_ns = 0;    // by the publisher's clock; 0: not said, or of no use: an arm in lockstep
   double lead = 0;             // s after it was sent at which it is meant; of chunks
   bool replaces = false;       // what was sent before and is meant for later
   std::array<double, kMost> values{};

@@ -32,8 +32,8 @@ constexpr std::int64_t kLate = 20'000'000, kStale = 500'000'000;  // ns: Topics.
 
 }  // namespace
 
-SensorHub::SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal)
-    : journal_(journal), keys_(listen.keys), socket_(context, zmq::socket_type::pull) {
+SensorHub::SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal, bool lockstep)
+    : journal_(journal), lockstep_(lockstep), keys_(listen.keys), socket_(context, zmq::socket_type::pull) {
   socket_.set(zmq::sockopt::linger, 0);
   socket_.set(zmq::sockopt::rcvhwm, kReceiveQueue);
   socket_.set(zmq::sockopt::maxmsgsize, kMaxSensorMessage);
@@ -222,7 +222,7 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
       if (samples.empty()) samples = samples_of(message.message());
       for (auto& sample : samples) {
         sample.message = messages.empty() ? 0 : static_cast<int>(found - messages.begin());
-        sample.sent_ns = message.sent_ns();
+        sample.sent_ns = lockstep_ ? 0 : message.sent_ns();
         if (const std::string why = input.check(sample); !why.empty()) throw wire::Invalid(kind + ": " + why);
       }
       bool replaces = false;

@@ -28,8 +28,9 @@ namespace server {
 // and dropped; but not what ends a skill, which does so at any time.
 class SensorHub {
  public:
-  // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken.
-  SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal);
+  // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `lockstep`: the arm's time is not that of any
+  // clock, so that parts are not told when messages were sent.
+  SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal, bool lockstep);
   ~SensorHub();
 
   const std::string& endpoint() const { return endpoint_; }
@@ -84,6 +85,7 @@ class SensorHub {
   void count_garbage(const std::string& what);
 
   Journal& journal_;  // gets every message that can be read, also those that are then dropped
+  const bool lockstep_;
   const Keys* keys_;   // null: there are none
   zmq::socket_t socket_;
   std::string endpoint_;

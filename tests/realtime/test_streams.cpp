@@ -135,6 +135,28 @@ TEST(TargetStream, TargetsInAHeapAreNoFastMotion) {
   }
 }
 
+// The arm's time goes faster or slower than the publisher's, unevenly: a simulated arm that does not keep real time.
+TEST(TargetStream, HoweverFastTheArmsTimeGoesTheMotionStaysAmongTargets) {
+  constexpr std::array<models::Limits::Rates, 2> slow = {{{0.34, 2.6, 2000}, {0.34, 2.6, 2000}}};
+  for (const double rate : {0.3, 0.7, 1.0, 1.5, 2.0, 3.0, 4.7, 8.0, 15.0, 28.0}) {
+    for (unsigned seed = 0; seed < 10; ++seed) {
+      std::mt19937 random(seed);
+      std::uniform_real_distribution<double> uneven(0.5, 1.5);
+      Stream stream(std::nullopt, 0, slow);
+      stream.start({});
+      double publisher = 0;
+      int sent = 0;
+      for (double t = 0; sent < 150; t += kTick) {
+        publisher += kTick / rate * uneven(random) * (static_cast<int>(publisher / 0.1) % 2 ? 0.6 : 1.4);
+        const auto circle = [](double angle) { return Vector(0.05 * std::sin(angle), 0.05 * std::cos(angle) - 0.05); };
+        for (; 0.022 * sent <= publisher; ++sent) stream.add(t, {circle(0.063 * sent), 0.022 * sent, 0, false});
+        const Vector x = stream.at(t).x;
+        ASSERT_LT((x - Vector(0, -0.05)).norm(), 0.05 + 0.02) << "at " << t << " s, rate " << rate << ", seed " << seed;
+      }
+    }
+  }
+}
+
 TEST(TargetStream, AJumpIsGoneToInsideTheRates) {
   for (const std::optional<double> delay : {std::optional(0.0), std::optional(0.1)}) {
     Stream stream(delay, 0, kRates);

@@ -266,7 +266,7 @@ class KeyedTransportTest : public testing::Test {
   BlackBox box_;
   realtime::Door door_{box_.records};
   Publisher publisher_{context_, {"127.0.0.1", &keys_}, 0, door_, nullptr};
-  SensorHub sensors_{context_, {"127.0.0.1", &keys_}, 0, box_.journal};
+  SensorHub sensors_{context_, {"127.0.0.1", &keys_}, 0, box_.journal, false};
   Recorder recorder_{box_, RecordingsConfig{.mode = RecordingsConfig::Mode::kOff, .folder = {}}, "arm", nullptr};
   Transport transport_{context_, {"127.0.0.1", &keys_}, 0, door_, publisher_, sensors_, recorder_, nullptr};
   std::atomic<bool> quit_{false};
