@@ -32,12 +32,15 @@ class SensorInput {
   // Whether a sample tells the part anything: one that does not takes no room. Called in the server room.
   using Tells = bool (*)(const SensorSample&);
 
-  // `messages`: the names of the kinds that it takes, of wire/proto/sensors.proto.
-  SensorInput(std::string topic, std::vector<std::string> messages, Check check = nullptr, Tells tells = nullptr)
-      : topic_(std::move(topic)), messages_(std::move(messages)), check_(std::move(check)), tells_(tells) {}
+  // `messages`: the names of the kinds that it takes, of wire/proto/sensors.proto. `timeout`: s after which the part does without
+  // a message; what took longer than that on its way, beside the quickest of its publisher, does not get here. 0: any time.
+  SensorInput(std::string topic, std::vector<std::string> messages, double timeout = 0, Check check = nullptr,
+              Tells tells = nullptr)
+      : topic_(std::move(topic)), messages_(std::move(messages)), timeout_(timeout), check_(std::move(check)), tells_(tells) {}
 
   const std::string& topic() const { return topic_; }
   const std::vector<std::string>& messages() const { return messages_; }
+  double timeout() const { return timeout_; }
   std::string check(const SensorSample& sample) const { return check_ ? check_(sample) : ""; }
 
   // False when the loop is too far behind.
@@ -59,6 +62,7 @@ class SensorInput {
  private:
   std::string topic_;
   std::vector<std::string> messages_;
+  double timeout_;
   Check check_;
   Tells tells_;
   bridge::Queue<SensorSample> queue_{256};

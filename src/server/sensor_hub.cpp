@@ -64,8 +64,13 @@ void SensorHub::check(const Publishers& publishers, const Inputs& inputs) const 
   }
 }
 
-void SensorHub::bind(std::uint64_t skill, Inputs inputs, const std::map<std::string, double>& timeouts, bool queued,
-                     const Publishers& publishers) {
+void SensorHub::bind(std::uint64_t skill, Inputs inputs, bool queued, const Publishers& publishers) {
+  std::map<std::string, double> timeouts;  // of topics, s
+  for (const auto& input : inputs) {
+    if (input->timeout() <= 0) continue;
+    const auto [least, is_new] = timeouts.emplace(input->topic(), input->timeout());
+    if (!is_new) least->second = std::min(least->second, input->timeout());
+  }
   const std::lock_guard lock(mutex_);
   for (auto& input : inputs) {
     const auto timeout = timeouts.find(input->topic());

@@ -41,10 +41,9 @@ class SensorHub {
   // Throws Refused for publishers that there are not, or of a topic that none of these inputs has.
   void check(const Publishers& publishers, const Inputs& inputs) const;
   // From now on, until release(), messages of these publishers get into these inputs of a skill; into those of one that is queued
-  // only while no skill before it listens to their topic. `timeouts`: of topics, s; what took longer than that on its way, beside
-  // the quickest of its publisher, tells them nothing any more.
-  void bind(std::uint64_t skill, Inputs inputs, const std::map<std::string, double>& timeouts, bool queued,
-            const Publishers& publishers = {});
+  // only while no skill before it listens to their topic. The least timeout of these inputs is that of all that share its topic:
+  // what took longer than that on its way, beside the quickest of its publisher, tells them nothing any more.
+  void bind(std::uint64_t skill, Inputs inputs, bool queued, const Publishers& publishers = {});
   void release(std::uint64_t skill);
 
   // What came over each topic so far.

@@ -1,11 +1,9 @@
 #include "server/skills.hpp"
 
-#include <google/protobuf/message.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <memory>
 #include <utility>
 
@@ -29,27 +27,6 @@ std::vector<std::string> kinds_of(const proto::Skill& skill) {
   std::vector<std::string> kinds;
   for (const auto& any : skill.terminations()) kinds.push_back(kind_of(any));
   return kinds;
-}
-
-// Of the topic that a part listens to, where it has one and brakes when nothing comes over it for some time; s, the least, 0: none.
-void put_timeout(const google::protobuf::Any& part, std::map<std::string, double>& timeouts) {
-  using google::protobuf::FieldDescriptor;
-  const std::string name = part.type_url().substr(part.type_url().rfind('/') + 1);
-  const auto* descriptor = google::protobuf::DescriptorPool::generated_pool()->FindMessageTypeByName(name);
-  if (descriptor == nullptr) return;
-  const FieldDescriptor* topic = descriptor->FindFieldByName("topic");
-  const FieldDescriptor* timeout = descriptor->FindFieldByName("timeout");
-  if (topic == nullptr || timeout == nullptr || topic->cpp_type() != FieldDescriptor::CPPTYPE_STRING ||
-      timeout->cpp_type() != FieldDescriptor::CPPTYPE_DOUBLE || topic->is_repeated() || timeout->is_repeated()) {
-    return;
-  }
-  const std::unique_ptr<google::protobuf::Message> message(
-      google::protobuf::MessageFactory::generated_factory()->GetPrototype(descriptor)->New());
-  if (!message->ParseFromString(part.value())) return;
-  const auto& get = *message->GetReflection();
-  const double now = get.GetDouble(*message, timeout);
-  double& least = timeouts[get.GetString(*message, topic)];
-  least = least > 0 && now > 0 ? std::min(least, now) : std::max(least, now);
 }
 
 std::vector<std::shared_ptr<realtime::SensorInput>> sensor_inputs(
@@ -172,10 +149,7 @@ void Skills::begin(Build& build) {
                   skill->settings};
   if (!before.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
-  std::map<std::string, double> timeouts;
-  put_timeout(running_.at(id).message.trajectory(), timeouts);
-  put_timeout(running_.at(id).message.controller(), timeouts);
-  sensors_.bind(id, std::move(inputs), timeouts, before.queued, publishers);
+  sensors_.bind(id, std::move(inputs), before.queued, publishers);
   std::unique_ptr<realtime::Skill> unread;
   if (before.queued) {
     queue_.push_back(std::move(skill));
@@ -253,10 +227,7 @@ void Skills::begin_change(Build& build) {
     parts->terminations = std::move(skill.terminations);
     parts->changes_terminations = true;
   }
-  std::map<std::string, double> timeouts;
-  put_timeout(change.trajectory(), timeouts);
-  put_timeout(change.controller(), timeouts);
-  sensors_.bind(change.skill_id(), changing_->inputs, timeouts, false, changing_->message.publishers());
+  sensors_.bind(change.skill_id(), changing_->inputs, false, changing_->message.publishers());
   door_.change.put(std::move(parts));
 }
 

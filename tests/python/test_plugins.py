@@ -15,7 +15,7 @@ from conftest import HOME, REPOSITORY
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, cli, proto
 from frankapy.connection import list_arms
 from frankapy.new_part import package_folder
-from frankapy.parts import CartesianImpedance, InternalImpedance, JointImpedance, RelativeMinJerkJoint, StayJoint, Time
+from frankapy.parts import CartesianImpedance, InternalImpedance, JointImpedance, Never, RelativeMinJerkJoint, StayJoint, Time
 from frankapy.sim import SimulatedArm, Simulation, program, read_truth
 
 TUTORIAL = REPOSITORY / "docs" / "your-own-part.md"
@@ -150,8 +150,11 @@ class Leads : public TrajectoryGenerator {
   const Reference& goal() const noexcept override { return goal_; }
   double duration() const noexcept override { return 1; }
   double stretch() const noexcept override { return 1; }
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
 
  private:
+  const std::shared_ptr<SensorInput> input_ =
+      std::make_shared<SensorInput>("heard", std::vector<std::string>{"JointPositionSensorMessage"}, 0.1);
   BadPart::What what_;
   int steps_ = 0;
   Reference goal_;
@@ -495,6 +498,24 @@ def test_a_part_that_keeps_to_the_rules_is_left_alone(messages, two_arms):
         end = messages.BadTermination()
         result = fa.run(messages.BadTrajectory(), messages.BadPart(), [end, Time(0.5)])
         assert (result.ending, result.termination) == (proto.TERMINATED, "Time")
+
+
+def test_what_is_older_than_the_timeout_of_a_part_that_listens_is_stale(messages, two_arms):
+    message = proto.SensorMessage(topic="heard", publisher=1, sent_ns=time.time_ns())
+    message.message.Pack(proto.JointPositionSensorMessage(joints=HOME))
+    with FrankaArm(server=two_arms.server) as fa, fa.publisher("heard") as publisher:
+        fa.wait_for_franka_interface()
+        fa.run(messages.BadTrajectory(), messages.BadPart(), Never(), block=False)
+        for message.sequence in (1, 2):
+            publisher._socket.send(message.SerializeToString())
+            until = time.monotonic() + 30
+            while "heard" not in fa.topics() or fa.topics()["heard"].received < message.sequence:
+                assert time.monotonic() < until
+                time.sleep(0.005)
+            time.sleep(0.2)  # longer than its 0.1 s, and less than what is stale for all
+        heard = fa.topics()["heard"]
+        assert (heard.late, heard.stale, heard.overrun) == (0, 1, 0)
+        fa.stop_skill()
 
 
 def test_a_constructor_that_throws_is_a_refusal(messages, two_arms):

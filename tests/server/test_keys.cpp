@@ -414,7 +414,7 @@ TEST_F(KeyedSensorTest, ASkillTakesThoseOfThePublishersThatItNames) {
   only.set_topic("left");
   only.add_names("anna");
   sensors_.check(publishers, {input});
-  sensors_.bind(1, {input}, {}, false, publishers);
+  sensors_.bind(1, {input}, false, publishers);
   auto anna = sender(anna_), bob = sender(bob_);
   publish(bob, 1, 9);
   const auto refused = [](const auto& topics) { return topics.topics_size() == 1 && topics.topics(0).refused() == 1; };

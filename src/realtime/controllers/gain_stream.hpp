@@ -23,9 +23,9 @@ class GainStream {
   using Check = std::function<void(const Gains&)>;
 
   // In a message the gains are the numbers from `first` on; those that it leaves out are checked as they were sent last.
-  // Without a topic they stay. Throws std::invalid_argument.
+  // Without a topic they stay. `timeout`: as of SensorInput. Throws std::invalid_argument.
   GainStream(const Gains& gains, const std::optional<std::string>& topic, const std::string& message, std::size_t first,
-             const Check& check)
+             const Check& check, double timeout = 0)
       : gains_(gains), goal_(gains), first_(first) {
     check(gains);
     if (!topic) return;
@@ -40,7 +40,7 @@ class GainStream {
       last = all;
       return "";
     };
-    input_ = std::make_shared<SensorInput>(require_topic(*topic), std::vector<std::string>{message}, refusal);
+    input_ = std::make_shared<SensorInput>(require_topic(*topic), std::vector<std::string>{message}, timeout, refusal);
   }
 
   bool changes() const noexcept { return input_ != nullptr; }

@@ -43,7 +43,7 @@ void check(const Gains& gains, const Matrix7& inertia) {
 
 PassThroughJointTorque::PassThroughJointTorque(const Parameters& parameters, const Matrix7& mass)
     : gains_(gains_of(parameters), parameters.topic, "JointTorqueControllerSensorMessage", kFirst,
-             [inertia = felt_inertia(mass)](const Gains& gains) { check(gains, inertia); }),
+             [inertia = felt_inertia(mass)](const Gains& gains) { check(gains, inertia); }, parameters.timeout),
       timeout_(parameters.timeout) {
   require_within("timeout", -1, timeout_, 0, 3600, "s");
 }

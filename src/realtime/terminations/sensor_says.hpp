@@ -11,7 +11,7 @@ class SensorSays : public Termination {
   // Throws std::invalid_argument.
   explicit SensorSays(const std::string& topic)
       : input_(std::make_shared<SensorInput>(require_topic(topic),
-                                             std::vector<std::string>{"ShouldTerminateSensorMessage"}, nullptr, says)) {}
+                                             std::vector<std::string>{"ShouldTerminateSensorMessage"}, 0, nullptr, says)) {}
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
   bool step(const Cycle&, const Progress&) noexcept override {

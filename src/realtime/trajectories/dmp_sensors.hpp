@@ -36,7 +36,8 @@ class DmpSensors {
     if (!topic) return;
     const int expected = each_ ? M * forcing.sensors() : forcing.sensors();
     input_ = std::make_shared<SensorInput>(
-        require_topic(*topic), std::vector<std::string>{"DmpSensorValues"}, [expected](const SensorSample& sample) -> std::string {
+        require_topic(*topic), std::vector<std::string>{"DmpSensorValues"}, 0,
+        [expected](const SensorSample& sample) -> std::string {
           int given = 0;
           for (const double value : sample.values) given += std::isnan(value) ? 0 : 1;
           if (given == expected) return "";

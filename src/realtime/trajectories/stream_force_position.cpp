@@ -39,7 +39,8 @@ std::string check(const SensorSample& sample) {
 StreamForcePosition::StreamForcePosition(const Parameters& parameters, const models::Limits& limits)
     : StreamPose(parameters, limits,
                  std::make_shared<SensorInput>(require_topic(parameters.topic),
-                                               std::vector<std::string>{"ForcePositionSensorMessage"}, check)) {}
+                                               std::vector<std::string>{"ForcePositionSensorMessage"}, parameters.timeout,
+                                               check)) {}
 
 void StreamForcePosition::start(const Reference& from) noexcept {
   StreamPose::start(from);

@@ -28,7 +28,7 @@ std::string check(const models::Limits& limits, const SensorSample& sample) {
 }  // namespace
 
 StreamJoint::StreamJoint(const Parameters& parameters, const models::Limits& limits)
-    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages,
+    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages, parameters.timeout,
                                            [limits](const SensorSample& sample) { return check(limits, sample); })),
       stream_(std::make_unique<TargetStream<models::kJoints>>(parameters.delay, parameters.timeout, joint_rates(limits, parameters.speed))) {}
 

@@ -27,7 +27,8 @@ Vector3 nearest(const Vector3& r, const Vector3& to) {
 }  // namespace
 
 StreamPose::StreamPose(const Parameters& parameters, const models::Limits& limits)
-    : StreamPose(parameters, limits, std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages)) {}
+    : StreamPose(parameters, limits,
+                 std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages, parameters.timeout)) {}
 
 StreamPose::StreamPose(const Parameters& parameters, const models::Limits& limits, std::shared_ptr<SensorInput> input)
     : Stream(std::move(input)),

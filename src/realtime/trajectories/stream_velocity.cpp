@@ -16,7 +16,7 @@ constexpr int kVelocityAt = 2;  // in the numbers of either message
 
 StreamJointVelocity::StreamJointVelocity(const Parameters& parameters, const models::Limits& limits)
     : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic),
-                                           std::vector<std::string>{"JointVelocitySensorMessage"})),
+                                           std::vector<std::string>{"JointVelocitySensorMessage"}, parameters.timeout)),
       stream_(std::make_unique<VelocityStream<models::kJoints>>(parameters.timeout, joint_rates(limits, parameters.speed))) {
   for (int i = 0; i < models::kJoints; ++i) {
     q_min_[i] = rest_min(limits, i);
@@ -49,7 +49,7 @@ bool StreamJointVelocity::step(const Cycle&, double time, Reference& reference) 
 
 StreamCartesianVelocity::StreamCartesianVelocity(const Parameters& parameters, const models::Limits& limits)
     : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic),
-                                           std::vector<std::string>{"CartesianVelocitySensorMessage"})),
+                                           std::vector<std::string>{"CartesianVelocitySensorMessage"}, parameters.timeout)),
       stream_(std::make_unique<VelocityStream<6>>(parameters.timeout, pose_rates(limits, parameters.speed))) {}
 
 StreamCartesianVelocity::~StreamCartesianVelocity() = default;
