@@ -162,9 +162,8 @@ void SensorHub::take(const zmq::message_t& frame) {
   ClockEstimate::Way way;
   if (message.has_sent_ns() && !behind) way = from.clock.take(message.sent_ns(), since_epoch_ns(now), message.way_ns());
   note(message, from, now);
-  const std::string kind = topic.told.message();
-  const bool ends = kind == kTermination;  // an end is an end at any time
-  if (behind || (!ends && way.in_future == 0 && overtaken(topic, kind, message.sent_ns() - from.clock.ahead_ns(), way.longer))) {
+  const bool ends = topic.told.message() == kTermination;  // an end is an end at any time
+  if (behind) {
     topic.told.set_out_of_order(topic.told.out_of_order() + 1);
     if (!ends) return;
   }
@@ -176,16 +175,21 @@ void SensorHub::take(const zmq::message_t& frame) {
     return refuse(topic, fmt::format("its time stamp is {:.3f} s in the future of those before",
                                      1e-9 * static_cast<double>(way.in_future)));
   }
-  deliver(topic, message, ends ? 0 : way.longer, who);
+  deliver(topic, message, message.sent_ns() - from.clock.ahead_ns(), ends ? 0 : way.longer, who);
 }
 
-// Whether another publisher's newer message of this kind came before. What is not late is not asked: clocks are known no better.
-bool SensorHub::overtaken(Topic& topic, const std::string& kind, std::int64_t sent, std::int64_t longer) const {
-  if (topic.newest_ns.size() >= kMaxKinds) topic.newest_ns.clear();
-  std::int64_t& newest = topic.newest_ns[kind];
-  if (longer > kLate && sent + kLate < newest) return true;
-  newest = std::max(newest, sent);
-  return false;
+bool SensorHub::takes(const Listener& listener, const std::string& publisher) {
+  return !listener.publishers || listener.publishers->contains(publisher);
+}
+
+// Whether a newer message of this kind came before, from another publisher that the listener takes. What is not late is not
+// asked: clocks are known no better.
+bool SensorHub::overtaken(const Topic& topic, const Listener& listener, const std::string& kind, std::int64_t sent,
+                          std::int64_t longer) {
+  const auto newest = topic.newest_ns.find(kind);
+  return longer > kLate && newest != topic.newest_ns.end() &&
+         std::any_of(newest->second.begin(), newest->second.end(),
+                     [&](const auto& of) { return takes(listener, of.first) && sent + kLate < of.second; });
 }
 
 // With its time by our clock, and now and then what makes the difference.
@@ -202,18 +206,19 @@ void SensorHub::note(const proto::SensorMessage& message, Publisher& from, std::
   journal_.note("/clocks", difference.GetTypeName(), difference.SerializeAsString());
 }
 
-// `longer`: than the quickest of its publisher it took, ns.
-void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::int64_t longer, const Keys::Client& from) {
+// `sent`: when, by our clock, ns; `longer`: than the quickest of its publisher it took, ns.
+void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::int64_t sent, std::int64_t longer,
+                        const Keys::Client& from) {
   const std::string kind = kind_of(message.message());
   std::vector<realtime::SensorSample> samples;
-  bool heard = false, taken = false, dropped = false;
+  bool heard = false, taken = false, dropped = false, behind = false;
   std::string expected, publishers;
   try {
     for (const Listener& listener : listeners_) {
       realtime::SensorInput& input = *listener.input;
       if (input.topic() != message.topic() || waits(listener)) continue;
       heard = true;
-      if (listener.publishers && !listener.publishers->contains(from.name)) {
+      if (!takes(listener, from.name)) {
         publishers = fmt::format("{}", fmt::join(*listener.publishers, ", "));
         continue;
       }
@@ -224,6 +229,10 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
         continue;
       }
       taken = true;
+      if (overtaken(topic, listener, kind, sent, longer)) {
+        behind = true;
+        continue;
+      }
       if (samples.empty()) samples = samples_of(message.message());
       for (auto& sample : samples) {
         sample.message = messages.empty() ? 0 : static_cast<int>(found - messages.begin());
@@ -248,6 +257,13 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
   if (heard && !taken) {
     refuse(topic, expected.empty() ? fmt::format("it is of the key \"{}\": the skill that listens takes {}", from.name, publishers)
                                    : fmt::format("it is {}: expected {}", kind, expected));
+  }
+  if (topic.newest_ns.size() >= kMaxKinds) topic.newest_ns.clear();
+  std::int64_t& newest = topic.newest_ns[kind][from.name];
+  newest = std::max(newest, sent);
+  if (behind) {
+    topic.told.set_out_of_order(topic.told.out_of_order() + 1);
+    return;
   }
   count_late(topic, message, longer, dropped);
 }

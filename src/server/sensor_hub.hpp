@@ -68,15 +68,18 @@ class SensorHub {
     frankapy::proto::Topics::Topic told;
     std::int64_t arrived_ns = 0;  // CLOCK_MONOTONIC, of the newest
     std::map<std::pair<std::string, std::uint64_t>, Publisher> publishers;  // by key, and number of their own
-    std::map<std::string, std::int64_t> newest_ns;  // of each kind: when the newest was sent, by our clock
+    // Of each kind and each publisher's key: when the newest was sent, by our clock.
+    std::map<std::string, std::map<std::string, std::int64_t>> newest_ns;
     bool stale = false;  // the newest was
   };
 
   void run();
   void take(const zmq::message_t& frame);
   void note(const frankapy::proto::SensorMessage& message, Publisher& from, std::int64_t now);
-  bool overtaken(Topic& topic, const std::string& kind, std::int64_t sent, std::int64_t longer) const;
-  void deliver(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t longer,
+  static bool takes(const Listener& listener, const std::string& publisher);
+  static bool overtaken(const Topic& topic, const Listener& listener, const std::string& kind, std::int64_t sent,
+                        std::int64_t longer);
+  void deliver(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t sent, std::int64_t longer,
                const Keys::Client& from);
   void count_late(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t longer, bool dropped);
   bool waits(const Listener& listener) const;

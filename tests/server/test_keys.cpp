@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "frankapy/proto/sensors.pb.h"
+#include "server/clocks.hpp"
 #include "server/config.hpp"
 #include "server/doorkeeper.hpp"
 #include "server/publisher.hpp"
@@ -375,8 +376,9 @@ class KeyedSensorTest : public KeyedTransportTest {
     sender.socket.connect(sensors_.endpoint());
     return sender;
   }
-  static void publish(Sender& sender, std::uint64_t publisher, std::uint64_t sequence) {
+  static void publish(Sender& sender, std::uint64_t publisher, std::uint64_t sequence, std::int64_t sent_ns = 0) {
     proto::SensorMessage message;
+    if (sent_ns != 0) message.set_sent_ns(sent_ns);
     message.set_topic("left");
     message.set_publisher(publisher);
     message.set_sequence(sequence);
@@ -431,6 +433,35 @@ TEST_F(KeyedSensorTest, ASkillTakesThoseOfThePublishersThatItNames) {
   expect(refusal([&] { sensors_.check(publishers, {input}); }), "\"carl\" of the topic \"left\": expected names of keys");
   only.set_topic("right");
   expect(refusal([&] { sensors_.check(publishers, {input}); }), "the topic \"right\": expected one that a part of the skill listens to");
+}
+
+TEST_F(KeyedSensorTest, OnlyPublishersThatASkillTakesOvertakeEachOther) {
+  auto anna = sender(anna_), bob = sender(bob_);
+  std::uint64_t sequence = 0, received = 0;
+  const auto say = [&](Sender& who, std::int64_t sent_ns) {
+    publish(who, 1, ++sequence, sent_ns);
+    ++received;
+    return topic([&](const auto& topics) { return topics.topics_size() == 1 && topics.topics(0).received() == received; });
+  };
+  for (const bool both : {false, true}) {
+    const auto input = std::make_shared<realtime::SensorInput>("left", std::vector<std::string>{"JointPositionSensorMessage"});
+    SensorHub::Publishers publishers;
+    auto& names = *publishers.Add();
+    names.set_topic("left");
+    names.add_names("anna");
+    if (both) names.add_names("bob");
+    const std::uint64_t skill = both ? 2 : 1;
+    sensors_.bind(skill, {input}, false, publishers);
+    const std::int64_t sent = since_epoch_ns(now_ns());
+    say(anna, sent);
+    std::this_thread::sleep_for(100ms);
+    say(bob, since_epoch_ns(now_ns()));
+    EXPECT_EQ(say(anna, sent + 1).out_of_order(), both ? 1U : 0U);
+    int taken = 0;
+    for (; input->next() != nullptr; ++taken) input->release();
+    EXPECT_EQ(taken, 2) << (both ? "hers and his" : "both of hers");
+    sensors_.release(skill);
+  }
 }
 
 }  // namespace
