@@ -222,7 +222,7 @@ Errors Checks::finish(const Desired& desired, const Vector7& dq, const Eigen::Ma
     stopped.ddelbow_c[0] = -desired.delbow_c[0] / kDt;
     errors = reference(desired, stopped);
     raise(errors, Error::kMaxGoalPoseDeviation,
-          beyond(motion_.maximum_goal_pose_deviation, O_T_EE, q[2], desired.O_T_EE_c, desired.elbow_c[0]));
+          !torques() && beyond(motion_.maximum_goal_pose_deviation, O_T_EE, q[2], desired.O_T_EE_c, desired.elbow_c[0]));
   }
   raise(errors, Error::kJointVelocityDiscontinuity, torques() && dq.cwiseAbs().maxCoeff() > kRestVelocity);
   return errors;
@@ -245,7 +245,7 @@ Errors Checks::arm(const ArmModel& model, const Eigen::Matrix4d& F_T_EE, const V
   }
   raise(errors, Error::kCartesianVelocity, velocity.norm() > (1 + kVelocityMargin) * limits_->translation.velocity);
   raise(errors, Error::kPowerLimit, tau_motor.cwiseProduct(dq).cwiseAbs().sum() > kPowerLimit);
-  if (joints() || cartesian()) {
+  if ((joints() || cartesian()) && !torques()) {
     raise(errors, Error::kMaxPathPoseDeviation,
           beyond(motion_.maximum_path_deviation, O_T_EE, q[2], desired.O_T_EE_c, desired.elbow_c[0]));
   }

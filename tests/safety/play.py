@@ -52,7 +52,6 @@ SETTINGS = '[arm.recovery]\ncollisions = "itself"\nuser_stop = "itself"\n[arm.co
 MEETS_ITSELF = "self_collision_avoidance_violation"
 NEAR_ITSELF = 0.04  # m; motions keep 0.031
 MET = {MEETS_ITSELF, "tau_j_range_violation", "joint_reflex", "cartesian_reflex"}
-MET.add("max_path_pose_deviation_violation")  # turned by more than the 3.12 rad that a motion may be away from where it began
 KEPT = 8000  # last datagrams of either way
 TOUCH = 10, 5  # N, N m, felt by an arm at rest that leans on something
 VICTIM = """

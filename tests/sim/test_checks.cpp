@@ -466,6 +466,18 @@ TEST_P(OfSystem, StopsAnArmThatIsTooFast) {
   EXPECT_EQ(spin(1.3), list({Error::kJointVelocity}));
 }
 
+// As a hand does with an arm in free drive: beyond the deviation that every libfranka asks for.
+TEST_P(OfSystem, LetsTorquesTurnTheToolAroundAndEndThere) {
+  auto q = kHome;
+  q[6] = -1.7;
+  go(q);
+  const double way = 3.3;  // rad
+  EXPECT_EQ(drive_torques(4500, 1, [&](const auto& now, int) {
+              return fci::Vector7{0, 0, 0, 0, 0, 0, std::clamp(4 * (q[6] + way - now.q[6]), 0., 1.)};
+            }), "");
+  EXPECT_GT(client.newest().q[6] - q[6], 3.14);
+}
+
 TEST_P(OfSystem, StopsAToolThatIsTooFast) {
   fci::Pose long_tool = fci::kIdentityPose;
   long_tool[14] = 0.6;
