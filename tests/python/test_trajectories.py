@@ -7,6 +7,7 @@ from conftest import HOME
 from frankapy import FrankaArmArgumentError, FrankaArmException, RigidTransform, parts, proto
 from frankapy.parts import (
     CartesianImpedance,
+    CartesianVelocity,
     InternalImpedance,
     JointDmp,
     JointImpedance,
@@ -359,3 +360,13 @@ def test_what_else_a_primitive_is_given_is_checked(fa):
         fa.execute_quaternion_pose_dmp(pose, pose, 1, [2, 0, 0, 0], 1)
     with pytest.raises(FrankaArmArgumentError, match=r"quat_dmp_info\['weights'\] has 75 elements: expected 150"):
         fa.execute_quaternion_pose_dmp(pose, {**pose, "num_sensors": 2}, 1, UPRIGHT, 1)
+
+
+@pytest.mark.parametrize("robot", ["fer", "fr3"])
+def test_a_velocity_without_an_acceleration_is_reached_as_fast_as_the_joints_can_and_not_overshot(start, robot):
+    arm = start(robot=robot, ideal=True)
+    with arm.client() as fa:
+        for axis in range(3):
+            fa.run(MinJerkJoint(HOME, 1))
+            result = fa.run(CartesianVelocity(0.1 * np.eye(6)[axis], duration=0.5), InternalImpedance())
+            assert (result.ending, result.limited_cycles, result.stretch) == (proto.TERMINATED, 0, 1)  # it is what was asked for

@@ -143,16 +143,14 @@ const std::vector<Case> kCases = {
        for (double& each : dq) each = uniform(random, -0.3, 0.3);
        return std::make_unique<realtime::JointVelocity>(
            realtime::JointVelocity::Parameters{dq, Vector7(Vector7::Constant(2)), uniform(random, 0.1, 1.5)}, limits);
-     },
-     false},
+     }},
     {"CartesianVelocity",
      [](const models::Limits& limits, std::mt19937& random) -> Generator {
        Vector6 twist;
        twist << 0.2 * direction(random), 0.5 * direction(random);
        return std::make_unique<realtime::CartesianVelocity>(
-           realtime::CartesianVelocity::Parameters{twist, {}, uniform(random, 0.1, 2)}, limits);
-     },
-     false},
+           realtime::CartesianVelocity::Parameters{twist, {}, uniform(random, 0.1, 2)}, limits, Vector7::Zero());
+     }},
     {"TimeOptimalJoint",
      [](const models::Limits& limits, std::mt19937& random) -> Generator {
        return std::make_unique<realtime::TimeOptimalJoint>(

@@ -11,12 +11,24 @@ namespace realtime {
 namespace {
 
 constexpr double kDefaultShare = 0.5;  // of the limits of acceleration
-constexpr double kLeastRamp = 0.01;    // s: below this the jerk is the limit
+// Of the limits of jerk: as much as the limiter uses to catch up, for the sake of commands that are lost. A motion that begins
+// faster than that has to be caught up with, beyond its velocity.
+constexpr double kJerkShare = 0.05;
+constexpr double kLeastRamp = 0.001;  // s
 
+// The greatest |v_i| / most_i.
 template <int N>
-double ramp_time(const Eigen::Matrix<double, N, 1>& velocity, const Eigen::Matrix<double, N, 1>& acceleration) {
-  return std::max((velocity.cwiseAbs().array() / acceleration.array()).maxCoeff(), kLeastRamp);
+double greatest(const Eigen::Matrix<double, N, 1>& velocity, const Eigen::Matrix<double, N, 1>& most) {
+  return (velocity.cwiseAbs().array() / most.array()).maxCoeff();
 }
+
+// `by_acceleration`, s, and `by_jerk`, s²: the greatest quotients of velocity.
+Trapezoid profile(double duration, double by_acceleration, double by_jerk) {
+  const double c = std::max({by_acceleration, std::sqrt(by_jerk), kLeastRamp});
+  return {duration, c, by_jerk / c};
+}
+
+Vector7 joint_jerk(const models::Limits& limits) { return kJerkShare * Vector7::Map(limits.dddq_max.data()); }
 
 Vector7 joint_acceleration(const JointVelocity::Parameters& parameters, const models::Limits& limits) {
   Vector7 ddq = kDefaultShare * Vector7::Map(limits.ddq_max.data());
@@ -40,6 +52,26 @@ Vector6 cartesian_acceleration(const CartesianVelocity::Parameters& parameters, 
   return acceleration;
 }
 
+Vector6 cartesian_jerk(const models::Limits& limits) {
+  Vector6 jerk;
+  jerk << Vector3::Constant(limits.translation.jerk), Vector3::Constant(limits.rotation.jerk);
+  return kJerkShare * jerk;
+}
+
+// The joints at `dq`, where the motion begins, are kept to a share too, but not against an acceleration that is given.
+Trapezoid cartesian_profile(double duration, const CartesianVelocity::Parameters& parameters, Vector7 dq,
+                            const models::Limits& limits) {
+  dq /= std::max(greatest<7>(dq, Vector7::Map(limits.dq_max.data())), 1.);  // those that are too fast are slowed on their way
+  const Vector6& twist = parameters.O_dP_EE;
+  double by_acceleration = greatest<6>(twist, cartesian_acceleration(parameters, limits));
+  double by_jerk = greatest<6>(twist, cartesian_jerk(limits));
+  if (!parameters.O_ddP_EE) {
+    by_acceleration = std::max(by_acceleration, greatest<7>(dq, kDefaultShare * Vector7::Map(limits.ddq_max.data())));
+    by_jerk = std::max(by_jerk, greatest<7>(dq, joint_jerk(limits)));
+  }
+  return profile(duration, by_acceleration, by_jerk);
+}
+
 double checked(double duration) {
   require_within("duration", -1, duration, 0.001, 3600, "s");
   return duration;
@@ -47,21 +79,33 @@ double checked(double duration) {
 
 }  // namespace
 
-Trapezoid::Trapezoid(double duration, double ramp) : duration_(std::max(duration, 2 * ramp)), ramp_(ramp) {}
+Trapezoid::Trapezoid(double duration, double c, double r) : c_(c), r_(r), duration_(std::max(duration, 2 * (c + r))) {}
 
 Trapezoid::Point Trapezoid::at(double t) const {
   t = std::clamp(t, 0.0, duration_);
-  if (t < ramp_) return {t * t / (2 * ramp_), t / ramp_, 1 / ramp_};
-  const double left = duration_ - t;
-  if (left < ramp_) return {duration_ - ramp_ - left * left / (2 * ramp_), left / ramp_, -1 / ramp_};
-  return {t - ramp_ / 2, 1, 0};
+  const double ramp = c_ + r_, left = duration_ - t;
+  if (t < ramp) return begin(t);
+  if (left >= ramp) return {t - ramp / 2, 1, 0};
+  const Point mirrored = begin(left);
+  return {duration_ - ramp - mirrored.way, mirrored.rate, -mirrored.acceleration};
+}
+
+Trapezoid::Point Trapezoid::begin(double t) const {
+  if (t < r_) return {t * t * t / (6 * c_ * r_), t * t / (2 * c_ * r_), t / (c_ * r_)};
+  if (t <= c_) {
+    const double from_middle = t - r_ / 2;
+    return {(from_middle * from_middle + r_ * r_ / 12) / (2 * c_), from_middle / c_, 1 / c_};
+  }
+  const double left = c_ + r_ - t;
+  return {t - (c_ + r_) / 2 + left * left * left / (6 * c_ * r_), 1 - left * left / (2 * c_ * r_), left / (c_ * r_)};
 }
 
 JointVelocity::JointVelocity(const Parameters& parameters, const models::Limits& limits)
     : limits_(limits),
       dq_(parameters.dq),
       asked_duration_(checked(parameters.duration)),
-      profile_(asked_duration_, ramp_time<7>(parameters.dq, joint_acceleration(parameters, limits))) {}
+      profile_(profile(asked_duration_, greatest<7>(parameters.dq, joint_acceleration(parameters, limits)),
+                       greatest<7>(parameters.dq, joint_jerk(limits)))) {}
 
 void JointVelocity::start(const Reference& from) noexcept {
   from_ = from.joint.q;
@@ -86,10 +130,10 @@ bool JointVelocity::step(const Cycle&, double time, Reference& reference) noexce
   return false;
 }
 
-CartesianVelocity::CartesianVelocity(const Parameters& parameters, const models::Limits& limits)
+CartesianVelocity::CartesianVelocity(const Parameters& parameters, const models::Limits& limits, const Vector7& dq)
     : twist_(parameters.O_dP_EE),
       asked_duration_(checked(parameters.duration)),
-      profile_(asked_duration_, ramp_time<6>(parameters.O_dP_EE, cartesian_acceleration(parameters, limits))) {
+      profile_(cartesian_profile(asked_duration_, parameters, dq, limits)) {
   goal_.motion = Channels::kPose;
 }
 

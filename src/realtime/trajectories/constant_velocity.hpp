@@ -7,13 +7,14 @@
 
 namespace realtime {
 
-// One velocity for a while, from rest to rest: reached and left with constant acceleration, in time T
-//   v(t) = v min(1, t/t_a, (T - t)/t_a),  t_a = max(|v_i| / a_i)
-// T is lengthened to 2 t_a where it is shorter.
+// One velocity for a while, from rest to rest, in time T. It is reached, and left likewise, with an acceleration that rises for
+// r, stays, and falls for r: c + r after the beginning, where
+//   c = max(|v_i| / a_i, sqrt(|v_i| / j_i)),  r = max(|v_i| / j_i) / c <= c
+// so that no axis has more than acceleration a_i and jerk j_i. T is lengthened to 2 (c + r) where it is shorter.
 class Trapezoid {
  public:
-  // Both s.
-  Trapezoid(double duration, double ramp);
+  // All s.
+  Trapezoid(double duration, double c, double r);
 
   double duration() const { return duration_; }
   // Values of the integral of v/v_max, of v/v_max and of its derivative (1/s) at t (s).
@@ -23,7 +24,9 @@ class Trapezoid {
   Point at(double t) const;
 
  private:
-  double duration_, ramp_;
+  Point begin(double t) const;  // t at most c + r
+
+  double c_, r_, duration_;
 };
 
 // Joints with constant velocities.
@@ -61,12 +64,12 @@ class CartesianVelocity : public TrajectoryGenerator {
  public:
   struct Parameters {
     Vector6 O_dP_EE;                  // m/s, rad/s
-    std::optional<Vector6> O_ddP_EE;  // m/s², rad/s², > 0; none: half of the arm's limits
+    std::optional<Vector6> O_ddP_EE;  // m/s², rad/s², > 0; none: half of the arm's limits, and of its joints'
     double duration;                  // s, > 0
   };
 
-  // Throws std::invalid_argument naming field, value and bound.
-  CartesianVelocity(const Parameters& parameters, const models::Limits& limits);
+  // `dq`: of the joints with that twist, where it begins, rad/s. Throws std::invalid_argument naming field, value and bound.
+  CartesianVelocity(const Parameters& parameters, const models::Limits& limits, const Vector7& dq);
 
   Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;

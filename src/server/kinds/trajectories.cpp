@@ -146,7 +146,9 @@ std::vector<Kind<realtime::TrajectoryGenerator>>& trajectories() {
         return new realtime::JointVelocity({vector<7>(m.dq()), given<7>(m.ddq()), m.duration()}, arm.limits);
       }),
       trajectory<proto::CartesianVelocity>([](const auto& m, const auto& arm) {
-        return new realtime::CartesianVelocity({vector<6>(m.o_dp_ee()), given<6>(m.o_ddp_ee()), m.duration()}, arm.limits);
+        const realtime::Vector6 twist = vector<6>(m.o_dp_ee());
+        return new realtime::CartesianVelocity({twist, given<6>(m.o_ddp_ee()), m.duration()}, arm.limits,
+                                               arm.model.joints_of_pose(arm.q).dq_dP * twist);
       }),
       trajectory<proto::TimeOptimalJoint>([](const auto& m, const auto& arm) {
         return new realtime::TimeOptimalJoint({vector<7>(m.q()), m.speed()}, arm.limits);
