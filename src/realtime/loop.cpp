@@ -52,35 +52,6 @@ double lag(const Reference& wanted, const Reference& reference) {
   return std::max(way.head<3>().norm() / kPosition, way.tail<3>().norm() / kAngle);
 }
 
-// Calls visit(needed, in force) for each setting that `skill` (or else `base`) gives and that is not in force.
-template <class Visit>
-void for_each_change(const robot::Settings& skill, const robot::Settings& base, const robot::Settings& in_force,
-                     Visit visit) {
-  const auto compare = [&](auto member) {
-    const auto& wanted = skill.*member ? skill.*member : base.*member;
-    if (wanted && wanted != in_force.*member) visit(*wanted);
-  };
-  compare(&robot::Settings::NE_T_EE);
-  compare(&robot::Settings::EE_T_K);
-  compare(&robot::Settings::load);
-  compare(&robot::Settings::collision_behavior);
-  compare(&robot::Settings::joint_impedance);
-  compare(&robot::Settings::cartesian_impedance);
-}
-
-// Notes that the robot has accepted a setting.
-struct Remember {
-  robot::Settings& in_force;
-  void operator()(const fci::SetJointImpedance& value) const { in_force.joint_impedance = value; }
-  void operator()(const fci::SetCartesianImpedance& value) const { in_force.cartesian_impedance = value; }
-  void operator()(const fci::SetCollisionBehavior& value) const { in_force.collision_behavior = value; }
-  void operator()(const fci::SetEEToK& value) const { in_force.EE_T_K = value; }
-  void operator()(const fci::SetNEToEE& value) const { in_force.NE_T_EE = value; }
-  void operator()(const fci::SetLoad& value) const { in_force.load = value; }
-  template <class Other>
-  void operator()(const Other&) const {}
-};
-
 }  // namespace
 
 Loop::Loop(robot::Driver& driver, Model& model, const models::Limits& limits, const Options& options, Door& door)
@@ -90,7 +61,8 @@ Loop::Loop(robot::Driver& driver, Model& model, const models::Limits& limits, co
       door_(door),
       gate_(limits, model),
       torque_gate_(limits),
-      watch_(options.watch) {
+      watch_(options.watch),
+      settings_(options.settings) {
   left_over_.set_duration(kFadeTime);
   tool_state_.m_ee = -1;  // so that the first state's is taken
 }
@@ -182,18 +154,9 @@ void Loop::take_answers() noexcept {
         motion_answer_ = answer->status;
         motion_answer_until_ = state_.message_id + kAnswerLead;
       }
-    } else {
-      for (std::size_t i = 0; i < setter_count_; ++i) {
-        Setter& setter = setters_[i];
-        if (setter.answered || setter.id != answer->id) continue;
-        setter.answered = true;
-        if (answer->status == fci::Status::kSuccess) {
-          std::visit(Remember{in_force_}, setter.request);
-        } else if (phase_ == Phase::kConfiguring) {
-          phase_ = Phase::kIdle;
-          drop_next(Ending::kRefused, answer->command, answer->status);
-        }
-      }
+    } else if (settings_.take(*answer) && answer->status != fci::Status::kSuccess && phase_ == Phase::kConfiguring) {
+      phase_ = Phase::kIdle;
+      drop_next(Ending::kRefused, answer->command, answer->status);
     }
   }
 }
@@ -289,22 +252,15 @@ void Loop::change_skill() noexcept {
 
 // From a skill that waits to its first command: settings, Move, modes.
 void Loop::prepare_motion() noexcept {
-  if (phase_ == Phase::kIdle && (next_ != nullptr || !configured_)) configure();
+  if (phase_ == Phase::kIdle && (next_ != nullptr || !settings_.asked())) configure();
   if (phase_ == Phase::kConfiguring) {
-    bool all = true;
-    for (std::size_t i = 0; i < setter_count_; ++i) {
-      if (!setters_[i].id) setters_[i].id = driver_.post(setters_[i].request);
-      all &= setters_[i].answered;
-    }
-    if (all) {
+    settings_.post(driver_);
+    if (settings_.answered()) {
       phase_ = Phase::kIdle;
       if (next_ != nullptr) start_motion();
     } else if (overdue()) {
-      const auto silent = std::find_if(setters_.begin(), setters_.end(), [](const Setter& s) { return !s.answered; });
       phase_ = Phase::kIdle;
-      drop_next(Ending::kRefused,
-                std::visit([](const auto& request) { return request.kCommand; }, silent->request),
-                fci::Status::kFailed);
+      drop_next(Ending::kRefused, settings_.silent(), fci::Status::kFailed);
     }
   }
   if (phase_ == Phase::kStarting) {
@@ -616,9 +572,7 @@ void Loop::lose_connection() noexcept {
 }
 
 bool Loop::fits_motion(const Skill& skill) const noexcept {
-  bool in_force = true;
-  for_each_change(skill.settings, options_.settings, in_force_, [&](const auto&) { in_force = false; });
-  return skill.mode == mode_ && in_force && !faulty_;
+  return skill.mode == mode_ && settings_.in_force(skill.settings) && !faulty_;
 }
 
 bool Loop::follows_failure(const Skill& skill) const noexcept { return skill.after != 0 && skill.after == unfinished_; }
@@ -822,12 +776,8 @@ bool Loop::in_motion() const noexcept {
 
 void Loop::configure() noexcept {
   phase_ = Phase::kConfiguring;
-  configured_ = true;
   set_deadline(kAnswerTime);
-  setter_count_ = 0;
-  for_each_change(next_ != nullptr ? next_->settings : robot::Settings{}, options_.settings, in_force_, [&](const auto& setting) {
-    setters_[setter_count_++] = Setter{setting, std::nullopt, false};
-  });
+  settings_.ask(next_ != nullptr ? next_->settings : robot::Settings{});
 }
 
 void Loop::start_motion() noexcept {

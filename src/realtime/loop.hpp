@@ -1,7 +1,5 @@
 #pragma once
 
-#include <array>
-
 #include "models/arm.hpp"
 #include "realtime/back_off.hpp"
 #include "realtime/door.hpp"
@@ -12,6 +10,7 @@
 #include "realtime/path_clock.hpp"
 #include "realtime/rejoin.hpp"
 #include "realtime/robot_controllers/robot_controller.hpp"
+#include "realtime/robot_settings.hpp"
 #include "realtime/tick.hpp"
 #include "realtime/torque_gate.hpp"
 #include "realtime/trajectories/min_jerk.hpp"
@@ -169,15 +168,7 @@ class Loop {
   std::int64_t compute_ns_ = 0;
 
   // Requests whose answers are awaited.
-  struct Setter {
-    robot::Request request;
-    std::optional<std::uint32_t> id;  // none: not sent yet
-    bool answered = false;
-  };
-  std::array<Setter, 6> setters_;
-  std::size_t setter_count_ = 0;
-  robot::Settings in_force_;  // as far as known
-  bool configured_ = false;   // options_.settings were sent once, so that reads are right before any motion
+  RobotSettings settings_;  // asked for once before any motion too, so that reads are right
   std::optional<std::uint32_t> move_id_, recovery_id_;
   std::uint64_t move_again_ = 0;  // message_id before which it is not asked for again
   bool recovery_accepted_ = false;
