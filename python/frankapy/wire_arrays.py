@@ -76,6 +76,8 @@ def _read(
     layout: _Layout, joined: np.ndarray, rows: np.ndarray, count: int, result: dict[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Take what messages of this layout hold; return the others, with their rows."""
+    if not len(rows):  # the layout before had them all
+        return joined, rows
     alike = ((joined.take(layout.places, axis=1) & layout.mask) == layout.bits).all(axis=1)
     if alike.all():
         _take(layout.values, joined, rows, count, result)

@@ -14,7 +14,7 @@ import pyarrow.parquet
 import pytest
 from conftest import HOME, server_processes
 
-from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, cli, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, cli, proto, wire_arrays
 from frankapy.parts import JointImpedance, Never, RelativeMinJerkJoint, StreamJoint
 from frankapy.recording import Recording
 from frankapy.sim import SimulatedArm, Simulation
@@ -179,6 +179,15 @@ def test_garbage_is_no_message():
     for garbage in (b"\x07", b"\x0a\xff", b"\xff" * 20):
         with pytest.raises(ValueError, match="message"):
             columns(proto.ArmState.DESCRIPTOR, [garbage])
+
+
+def test_blocks_whose_messages_are_all_like_the_first_are_read(monkeypatch):
+    monkeypatch.setattr(wire_arrays, "_BLOCK", 1)  # byte: a block for each message
+    here, there = proto.ArmState(cycles=3), proto.ArmState(lost_states=3)  # of one size
+    messages = [state.SerializeToString() for state in (here, there, here, there, here)]
+    found = columns(proto.ArmState.DESCRIPTOR, messages)
+    assert found["cycles"].tolist() == [3, 0, 3, 0, 3]
+    assert found["lost_states"].tolist() == [0, 3, 0, 3, 0]
 
 
 # --- the black box ---------------------------------------------------------------------------------------------------
