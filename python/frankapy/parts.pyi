@@ -610,7 +610,7 @@ def JointImpedance(
     integral_limit: float | None = None,
 ) -> proto.JointImpedance:
     """tau_J_d = K (q_ref - q) + D (dq_ref - dq) + coriolis + M ddq_ref + friction(dq_ref). Gains that no loop of 1 ms can hold
-    in the posture at the start are refused.
+    in the posture at the start are refused; those that it can not hold where the arm comes to are softened there.
 
     Args:
         stiffness: 7 numbers, N m/rad, 0 to 3000, default 600 600 600 600 250 150 50.
@@ -735,7 +735,7 @@ def PassThroughJointTorque(
     """Joints with selection 1 get this torque and that of the trajectory, those with 0 are held where they are at the start;
     with remove_gravity 1 a joint feels gravity, which the robot compensates otherwise. For torque alone. Over the topic,
     JointTorqueControllerSensorMessage sets all of them anew: the torque at once, the rest in 0.1 s. After `timeout` without
-    a message (0: never) the torque gives way to the damping.
+    a message (0: never) the torque gives way to the damping. Gains are refused and softened as for JointImpedance.
 
     Args:
         torque: 7 numbers, N m, -100 to 100, default 0 0 0 0 0 0 0.
@@ -760,7 +760,7 @@ def ForcePosition(
     """Each axis of O in position (selection 1), in force (0), or in parts in both, with gains of EE or of the joints; the
     force is the wrench of the trajectory. With an axis of force for torque alone. Over the topic,
     ForcePositionControllerSensorMessage sets gains and selection anew, in 0.1 s: then for torque alone too. Joint gains
-    that no loop of 1 ms can hold in the posture at the start are refused, as for JointImpedance.
+    that no loop of 1 ms can hold in the posture at the start are refused, or softened later, as for JointImpedance.
 
     Args:
         selection: 6 numbers, 1: position, 0: force, 0 to 1, default 1 1 1 1 1 1.

@@ -566,6 +566,80 @@ TEST(JointInertia, what_is_refused_is_what_a_sampled_loop_cannot_hold) {
   EXPECT_GT(accepted, 300);
 }
 
+using Loop21 = Eigen::Matrix<double, 21, 21>;
+
+// What becomes of an arm of this mobility in 2^20 cycles, whose joints' springs answer a cycle late: less than 1 if it comes to rest.
+double left_of(const Matrix7& mobility, const Vector7& K, const Vector7& D) {
+  const double T = 1e-3;
+  Loop21 loop = Loop21::Zero();  // q, v, torque
+  loop.block<7, 7>(7, 7).setIdentity();
+  loop.block<7, 7>(7, 14) = T * mobility;
+  loop.topRows<7>() = T * loop.middleRows<7>(7);
+  loop.block<7, 7>(0, 0).setIdentity();
+  loop.block<7, 7>(14, 0) = -Matrix7(K.asDiagonal());
+  loop.block<7, 7>(14, 7) = -Matrix7(D.asDiagonal());
+  for (int doubling = 0; doubling < 20 && loop.norm() < 1e100; ++doubling) loop *= loop.eval();
+  return loop.norm();
+}
+
+// Joints that each could be held alone may together not be: what one does reaches the others.
+TEST_P(ForceControllers, springs_that_are_kept_holdable_hold_all_joints_together_anywhere) {
+  const auto uniform = [&](double low, double high) { return std::uniform_real_distribution<>(low, high)(random); };
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  int alone = 0;
+  for (int n = 0; n < 300; ++n) {
+    Vector7 q, K, D;
+    for (int i = 0; i < 7; ++i) q[i] = uniform(limits.q_min[i], limits.q_max[i]);
+    arm.model.update(q, Vector7::Zero());
+    const Matrix7 mobility = joint_mobility(arm.model.mass());
+    for (int i = 0; i < 7; ++i) {
+      const double m = 1 / mobility(i, i), b = uniform(0.4, 0.95);
+      D[i] = b * m / 1e-3;
+      K[i] = uniform(0.1, 0.9) * m * b * (1 - b) / 1e-6;
+    }
+    alone += !(left_of(mobility, K, D) < 1);
+    Vector7 held = K, damped = D;
+    keep_holdable(mobility, held, damped);
+    EXPECT_TRUE((held.array() <= (1 + 1e-9) * K.array()).all() && (damped.array() <= (1 + 1e-9) * D.array()).all());
+    EXPECT_GT(held.minCoeff(), 0);
+    EXPECT_GT(damped.minCoeff(), 0);
+    EXPECT_LT(left_of(mobility, held, damped), 1e-3);
+    EXPECT_NO_THROW(require_holdable(held, damped, felt_inertia(arm.model.mass())));
+    const Vector7 same_K = held, same_D = damped;
+    keep_holdable(mobility, held, damped);
+    EXPECT_LT((held - same_K).norm() + (damped - same_D).norm(), 1e-9 * same_K.norm()) << "what is holdable stays as it is";
+  }
+  EXPECT_GT(alone, 100);
+}
+
+// Gains that are held at home, and where the arm is led are too hard for it: no oscillation.
+TEST_P(ForceControllers, joints_that_are_held_stay_at_rest_also_where_they_show_less_inertia) {
+  const Matrix7 mobility = joint_mobility(arm.model.mass());
+  Vector7 K = Vector7::Constant(3000), D = Vector7::Constant(200);
+  keep_holdable(mobility, K, D);
+  PassThroughJointTorque::Parameters gains{Vector7::Zero(), Vector7::Zero(), Vector7::Zero(), 0.99 * K, 0.99 * D};
+  PassThroughJointTorque held(gains, arm.model.mass());
+  JointImpedance impedance({0.99 * K, 0.99 * D}, arm.model.mass());
+  const Vector7 folded = (Vector7() << 0, -1.7, 0, -3.0, 0, 0.6, 0.8).finished();
+  for (Controller* law : {static_cast<Controller*>(&held), static_cast<Controller*>(&impedance)}) {
+    SimulatedArm there(GetParam(), kMotors);
+    there.q = folded;
+    there.observe();
+    Reference reference;
+    reference.motion = Channels::kJoint;
+    reference.joint.q = folded;
+    law->start(there.cycle, reference);
+    there.dq = vector(0.01);
+    there.observe();
+    Vector7 tau;
+    for (int k = 0; k < 3000; ++k) {
+      law->step(there.cycle, reference, tau);
+      there.step(tau);
+    }
+    EXPECT_LT(there.dq.norm(), 1e-3) << "moves on";
+  }
+}
+
 // --- all of them ---------------------------------------------------------------------------------------------------------
 
 // Up to what the loop fades away: a force or torque that the law cannot have had before.

@@ -141,11 +141,12 @@ void ForcePosition::step(const Cycle& cycle, const Reference& reference, Vector7
     tau_J_d.noalias() = J.transpose() * force;
     tau_J_d -= kNullspaceDamping * (cycle.dq - moving_EE);
   } else {
-    const auto K = gains.segment<7>(kPositionJoint);
+    Vector7 K = gains.segment<7>(kPositionJoint), D = 2 * K.cwiseSqrt();
+    keep_holdable(joint_mobility(cycle.model.mass()), K, D);
     const Vector7 to_reference = J.transpose() * solver.solve<1>(S.cwiseProduct(e));
     const Vector7 velocity = J.transpose() * solver.solve<1>(S.cwiseProduct(pose.velocity));
     tau_J_d = J.transpose() * force;
-    tau_J_d += K.cwiseProduct(to_reference) + 2 * K.cwiseSqrt().cwiseProduct(velocity - cycle.dq) +
+    tau_J_d += K.cwiseProduct(to_reference) + D.cwiseProduct(velocity - cycle.dq) +
                force_kps_joint.cwiseProduct(J.transpose() * missing);
   }
   tau_J_d += cycle.model.coriolis();

@@ -34,7 +34,7 @@ class ForcePosition : public Controller {
   // Throws std::invalid_argument naming field, value and bound.
   explicit ForcePosition(const Parameters& parameters);
   // With the mass matrix where the arm begins: joint gains that no loop of 1 ms could hold are refused as well
-  // (require_holdable()), whether they are used from the beginning or sent.
+  // (require_holdable()), whether they are used from the beginning or sent; what it could not hold where the arm is later is softened.
   ForcePosition(const Parameters& parameters, const Matrix7& mass);
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return gains_.inputs(); }

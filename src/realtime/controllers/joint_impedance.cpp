@@ -18,13 +18,13 @@ namespace {
 constexpr double kMaxShift = 0.2;
 // 1/s: no mode is damped faster, as torque comes a cycle late.
 constexpr double kFastestDamping = 400;
-// Cycles after which the damping of a ratio is found anew.
-constexpr int kDampingAge = 16;
+// Cycles after which gains are found anew for where the arm is.
+constexpr int kGainsAge = 16;
 
 }  // namespace
 
 JointImpedance::JointImpedance(const Parameters& parameters)
-    : parameters_(parameters), damping_(parameters.damping.asDiagonal()) {
+    : parameters_(parameters), stiffness_(parameters.stiffness), damping_(parameters.damping.asDiagonal()) {
   for (int i = 0; i < models::kJoints; ++i) {
     require_within("stiffness", i, parameters.stiffness[i], 0, 3000, "N m/rad");
     require_within("damping", i, parameters.damping[i], 0, 200, "N m s/rad");
@@ -39,14 +39,22 @@ JointImpedance::JointImpedance(const Parameters& parameters, const Matrix7& mass
   const double s = parameters.inertia_scale;
   if (parameters.damping_ratio) {
     // Modes have their damping by themselves; what is left to ask is whether any does for this stiffness.
-    const Vector7 m = joint_mobility(mass).diagonal().cwiseInverse();
-    require_holdable(parameters.stiffness / s, 500 * m, felt_inertia(mass));
+    require_holdable(parameters.stiffness / s, 500 * inertia_to_hold(joint_mobility(mass)), felt_inertia(mass));
   } else {
     require_holdable(parameters.stiffness / s, parameters.damping / s, felt_inertia(mass));
   }
 }
 
-void JointImpedance::find_damping(const Matrix7& mass) noexcept {
+// What the loop can hold of the gains that are given, or the damping of a ratio.
+void JointImpedance::find_gains(const Matrix7& mass) noexcept {
+  gains_age_ = 0;
+  if (!parameters_.damping_ratio) {
+    Vector7 damping = parameters_.damping;
+    stiffness_ = parameters_.stiffness;
+    keep_holdable(joint_mobility(mass) / parameters_.inertia_scale, stiffness_, damping);
+    damping_ = damping.asDiagonal();
+    return;
+  }
   const Cholesky<models::kJoints> inertia(parameters_.inertia_scale * felt_inertia(mass));
   Matrix7 half;
   for (int i = 0; i < models::kJoints; ++i) {
@@ -57,23 +65,22 @@ void JointImpedance::find_damping(const Matrix7& mass) noexcept {
       (2 * *parameters_.damping_ratio * modes.values.cwiseMax(0).cwiseSqrt()).cwiseMin(kFastestDamping);
   const Matrix7 root = inertia.L().lazyProduct(modes.vectors);
   damping_ = root.lazyProduct(rate.asDiagonal() * root.transpose());
-  damping_age_ = 0;
 }
 
 void JointImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
   integral_.setZero();
-  if (parameters_.damping_ratio) find_damping(cycle.model.mass());
+  find_gains(cycle.model.mass());
   Vector7 tau;
   torque(cycle, reference.joint, tau);
   for (int i = 0; i < models::kJoints; ++i) {
-    if (parameters_.stiffness[i] == 0) continue;
-    const double shift = (cycle.tau_J_d[i] - tau[i]) * parameters_.inertia_scale / parameters_.stiffness[i];
+    if (stiffness_[i] == 0) continue;
+    const double shift = (cycle.tau_J_d[i] - tau[i]) * parameters_.inertia_scale / stiffness_[i];
     reference.joint.q[i] += std::clamp(shift, -kMaxShift, kMaxShift);
   }
 }
 
 void JointImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
-  if (parameters_.damping_ratio && ++damping_age_ >= kDampingAge) find_damping(cycle.model.mass());
+  if (++gains_age_ >= kGainsAge) find_gains(cycle.model.mass());
   if (parameters_.integral_rate > 0) {
     const Vector7 e = reference.joint.q - cycle.q;
     integral_ += parameters_.integral_rate * cycle.dt * parameters_.stiffness.cwiseProduct(e);
@@ -84,7 +91,7 @@ void JointImpedance::step(const Cycle& cycle, const Reference& reference, Vector
 
 void JointImpedance::torque(const Cycle& cycle, const JointReference& r, Vector7& tau_J_d) noexcept {
   const Parameters& p = parameters_;
-  tau_J_d = p.stiffness.cwiseProduct(r.q - cycle.q) + integral_;
+  tau_J_d = stiffness_.cwiseProduct(r.q - cycle.q) + integral_;
   tau_J_d.noalias() += damping_ * (r.dq - cycle.dq);
   if (p.inertia_scale != 1) {
     const Vector7 tau_ext = Vector7::Map(cycle.state.tau_ext_hat_filtered.data());

@@ -29,7 +29,8 @@ class JointImpedance : public Controller {
 
   // Throws std::invalid_argument naming field, value and bound.
   explicit JointImpedance(const Parameters& parameters);
-  // With the mass matrix where the arm begins: what no loop of 1 ms could hold is refused as well (require_holdable()).
+  // With the mass matrix where the arm begins: what no loop of 1 ms could hold is refused as well (require_holdable()); what it could
+  // not hold where the arm is later is softened.
   JointImpedance(const Parameters& parameters, const Matrix7& mass);
 
   Channels takes() const noexcept override { return Channels::kJoint; }
@@ -41,11 +42,12 @@ class JointImpedance : public Controller {
 
  private:
   void torque(const Cycle& cycle, const JointReference& reference, Vector7& tau_J_d) noexcept;
-  void find_damping(const Matrix7& mass) noexcept;
+  void find_gains(const Matrix7& mass) noexcept;
 
   Parameters parameters_;
+  Vector7 stiffness_;         // N m/rad, that is held
   Matrix7 damping_;           // N m s/rad
-  int damping_age_ = 0;       // cycles
+  int gains_age_ = 0;         // cycles
   Vector7 integral_ = Vector7::Zero();  // N m
 };
 

@@ -51,8 +51,10 @@ PassThroughJointTorque::PassThroughJointTorque(const Parameters& parameters, con
 void PassThroughJointTorque::start(const Cycle& cycle, Reference& reference) noexcept {
   q_start_ = cycle.q;
   const Vector7 tau = law(cycle, reference);
+  Vector7 springs = gains_.now().segment<7>(kStiffness), damping = gains_.now().segment<7>(kDamping);
+  keep_holdable(joint_mobility(cycle.model.mass()), springs, damping);
   for (int i = 0; i < models::kJoints; ++i) {
-    const double stiffness = (1 - gains_.now()[kSelection + i]) * gains_.now()[kStiffness + i];
+    const double stiffness = (1 - gains_.now()[kSelection + i]) * springs[i];
     if (stiffness == 0) continue;
     q_start_[i] += std::clamp((cycle.tau_J_d[i] - tau[i]) / stiffness, -kMaxShift, kMaxShift);
   }
@@ -68,8 +70,10 @@ void PassThroughJointTorque::step(const Cycle& cycle, const Reference& reference
 Vector7 PassThroughJointTorque::law(const Cycle& cycle, const Reference& reference) const noexcept {
   const Gains& gains = gains_.now();
   const Vector7 remove_gravity = gains.segment<7>(kRemoveGravity);
-  const Vector7 damping = -gains.segment<7>(kDamping).cwiseProduct(cycle.dq);
-  const Vector7 held = gains.segment<7>(kStiffness).cwiseProduct(q_start_ - cycle.q) + damping;
+  Vector7 K = gains.segment<7>(kStiffness), D = gains.segment<7>(kDamping);
+  keep_holdable(joint_mobility(cycle.model.mass()), K, D);
+  const Vector7 damping = -D.cwiseProduct(cycle.dq);
+  const Vector7 held = K.cwiseProduct(q_start_ - cycle.q) + damping;
   const Vector7 torque = given_ * (gains_.goal().segment<7>(kTorque) + reference.torque) + (1 - given_) * damping;
   Vector7 tau = held + gains.segment<7>(kSelection).cwiseProduct(torque - held) + cycle.model.coriolis();
   if (remove_gravity.isZero()) return tau;

@@ -27,7 +27,7 @@ class PassThroughJointTorque : public Controller {
   };
 
   // Throws std::invalid_argument naming field, value and bound. `mass`: of the links where the arm begins; springs that no
-  // loop of 1 ms could hold are refused.
+  // loop of 1 ms could hold are refused, and those that it could not hold where the arm is led are softened (keep_holdable()).
   PassThroughJointTorque(const Parameters& parameters, const Matrix7& mass);
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return gains_.inputs(); }
