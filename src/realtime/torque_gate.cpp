@@ -76,8 +76,8 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
     held |= HeldBy::kPower;
   }
   bool limited = asked_.scale(share < 1 ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau);
-  const bool walled = walls.active() && walls.add(cycle.q, cycle.dq, mobility, c, tau);
-  held |= when(walled, HeldBy::kWall);
+  const HeldBy pushed_away = walls.arm() != nullptr ? walls.add(cycle.q, cycle.dq, mobility, c, tau) : HeldBy::kNothing;
+  held |= pushed_away;
   const JointBarrier::Lead lead{cycle.dq_ref, away, pushed};
   auto tool = tool_brake(cycle, pushed, kApproach);
   held |= when(barrier_.add(cycle.q, cycle.dq, mobility, c, lead, tau, tool ? &*tool : nullptr), HeldBy::kJointLimits);
@@ -86,7 +86,7 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   limited |= limits_.limit(tau, sent, kTick, tau_J_d);
   const FallingTorque falling(cycle.model, cycle.dq, mobility, c, limits_.rate(), sent);
   const SpeedBounds speeds{barrier_.dq_min(), barrier_.dq_max(), bounds_.tool_speed, bounds_.power};
-  if (!walled && !falling.keeps(speeds, tau_J_d)) {  // a wall pushes first
+  if (pushed_away == HeldBy::kNothing && !falling.keeps(speeds, tau_J_d)) {  // a wall pushes first
     Vector7 slower = c * std::min(1., bounds_.power / std::max(c.dot(cycle.dq), 1e-9));
     tool = tool_brake(cycle, pushed, 0);
     barrier_.add(cycle.q, cycle.dq, mobility, c, lead, slower, tool ? &*tool : nullptr);

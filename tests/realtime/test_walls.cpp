@@ -12,8 +12,10 @@
 #include "realtime/controllers/joint_impedance.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/loop.hpp"
+#include "realtime/torque_gate.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/walls/mesh.hpp"
+#include "realtime/walls/self_distance.hpp"
 #include "realtime/walls/wall_guard.hpp"
 #include "simulated_arm.hpp"
 
@@ -460,6 +462,71 @@ TEST_P(PushedBack, an_arm_without_a_spring_of_its_own_stops_before_a_wall_and_is
   EXPECT_GT(least, 0);
   EXPECT_LT(clearance(), 0.03);
   EXPECT_LT(std::abs((arm.model.jacobian() * arm.dq)[0]), 0.02);
+}
+
+TEST(SelfDistance, contacts_are_those_of_finite_differences) {
+  const ArmCapsules body(models::arm("fr3"), true);
+  const models::Limits& limits = models::limits(models::arm("fr3"), 10);
+  Random random;
+  int seen = 0;
+  for (int n = 0; n < 3000; ++n) {
+    Vector7 q;
+    for (int i = 0; i < 7; ++i) q[i] = random.in(limits.q_min[i], limits.q_max[i]);
+    ArmCapsules::Place place;
+    body.place(q, place);
+    std::array<SelfContact, 16> contacts;
+    const std::size_t count = self_contacts(body, place, 0.1, contacts);
+    const SelfDistance nearest = self_distance(body, q);
+    if (count == 0) {
+      EXPECT_GE(nearest.distance, 0.1);
+      continue;
+    }
+    const SelfContact* least = std::min_element(contacts.begin(), contacts.begin() + static_cast<std::ptrdiff_t>(count),
+                                                [](const auto& a, const auto& b) { return a.distance < b.distance; });
+    EXPECT_NEAR(least->distance, nearest.distance, 1e-12);
+    if (nearest.distance < 0) continue;  // there axes may meet
+    ++seen;
+    constexpr double kStep = 1e-7;
+    for (int i = 0; i < 7; ++i) {
+      const Vector7 step = kStep * Vector7::Unit(i);
+      const double slope = (self_distance(body, q + step).distance - self_distance(body, q - step).distance) / (2 * kStep);
+      EXPECT_NEAR(least->gradient[i], slope, 1e-4) << "joint " << i + 1 << ", sample " << n;
+    }
+  }
+  EXPECT_GT(seen, 100);
+}
+
+// Whatever pulls it: nearer than where the robot stops it, it only creeps. What presses it together is 20 N m in two joints.
+TEST_P(PushedBack, an_arm_that_is_led_against_itself_is_braked_before_the_robot_stops_it) {
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  for (const bool guarded : {false, true}) {
+    SimulatedArm arm(GetParam(), Vector7::Map(models::kMotorInertia.data()));
+    TorqueGate gate(limits);
+    WallGuard guard;
+    const ArmCapsules body(models::arm(GetParam()), true);
+    if (guarded) guard.change(new Walls{body, {}});
+    arm.q << 0, 0.2, 0, -2.6, 0, 1.2, 0;
+    arm.observe();
+    double before = self_distance(body, arm.q).distance, worst = 0;
+    Vector7 sent = Vector7::Zero();
+    for (int k = 0; k < 6000; ++k) {
+      const Vector7 wanted = arm.model.coriolis() + (Vector7() << 0, 0, 0, -20, 0, -8, 0).finished() - 1 * arm.dq;
+      const HeldBy held = gate.pass(arm.cycle, guard, wanted, 0, sent);
+      arm.step(sent);
+      const double distance = self_distance(body, arm.q).distance;
+      if (distance < models::kCapsuleMargin) worst = std::max(worst, before - distance);
+      if (distance < models::kCapsuleMargin && guarded) {
+        EXPECT_TRUE(has(held, HeldBy::kItself));
+      }
+      before = distance;
+    }
+    EXPECT_LT(before, 0.04) << "it was led there";
+    if (guarded) {
+      EXPECT_LT(worst, 1e-5) << "m in a cycle";  // where the robot's reflex is
+    } else {
+      EXPECT_GT(worst, 1e-5);
+    }
+  }
 }
 
 }  // namespace

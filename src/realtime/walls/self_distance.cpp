@@ -7,17 +7,23 @@ namespace realtime {
 namespace {
 
 constexpr int kNeighbours = 3;
+constexpr double kSame = 1e-6;  // m, of axes that meet: no way leads apart
 constexpr std::size_t kMost = ArmCapsules::kMost + 4;  // with those that are fixed
 
 struct Segment {
-  int link;
+  int link, moves;       // moves: its place among those that do, or -1
   Vector3 centre, half;  // of it, and from there to its end, m
   double radius, length;
 };
 
+struct Between {
+  double distance;  // m, of the axes
+  Vector3 from, to;  // where they are so near
+};
+
 // Between two segments (Ericson, Real-Time Collision Detection, 2005, section 5.1.9, with parameters from -1 to 1). No segment
 // here is a point.
-double between(const Segment& one, const Segment& two) noexcept {
+Between between(const Segment& one, const Segment& two) noexcept {
   const Vector3 r = one.centre - two.centre;
   const double a = one.half.squaredNorm(), b = one.half.dot(two.half), e = two.half.squaredNorm();
   const double c = one.half.dot(r), f = two.half.dot(r);
@@ -28,7 +34,31 @@ double between(const Segment& one, const Segment& two) noexcept {
     t = std::clamp(t, -1., 1.);
     s = std::clamp((b * t - c) / a, -1., 1.);
   }
-  return (r + s * one.half - t * two.half).norm();
+  const Vector3 from = one.centre + s * one.half, to = two.centre + t * two.half;
+  return {(to - from).norm(), from, to};
+}
+
+// Calls visit(one, two, what is between them) for links that are not neighbours and may be nearer than `horizon`, m, which visit()
+// may make less.
+template <class Visit>
+void visit_pairs(const ArmCapsules& arm, const ArmCapsules::Place& place, const double& horizon, Visit visit) noexcept {
+  std::array<Segment, kMost> all;
+  std::size_t count = 0;
+  const auto add = [&](int link, int moves, const Vector3& a, const Vector3& b, double radius) {
+    if (count < kMost) all[count++] = {link, moves, (a + b) / 2, (b - a) / 2, radius, (b - a).norm() / 2};
+  };
+  for (const auto& capsule : arm.fixed()) add(capsule.link, -1, capsule.a, capsule.b, capsule.radius);
+  for (std::size_t i = 0; i < arm.own(); ++i) {
+    add(arm.all()[i].link, static_cast<int>(i), place.a[i], place.b[i], arm.all()[i].radius);
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    for (std::size_t j = i + 1; j < count; ++j) {
+      if (all[j].link - all[i].link < kNeighbours) continue;
+      const double far = horizon + all[i].radius + all[j].radius + all[i].length + all[j].length;
+      if ((all[i].centre - all[j].centre).squaredNorm() >= far * far) continue;
+      visit(all[i], all[j], between(all[i], all[j]));
+    }
+  }
 }
 
 }  // namespace
@@ -36,24 +66,26 @@ double between(const Segment& one, const Segment& two) noexcept {
 SelfDistance self_distance(const ArmCapsules& arm, const Vector7& q) noexcept {
   ArmCapsules::Place place;
   arm.place(q, place);
-  std::array<Segment, kMost> all;
-  std::size_t count = 0;
-  const auto add = [&](int link, const Vector3& a, const Vector3& b, double radius) {
-    if (count < kMost) all[count++] = {link, (a + b) / 2, (b - a) / 2, radius, (b - a).norm() / 2};
-  };
-  for (const auto& capsule : arm.fixed()) add(capsule.link, capsule.a, capsule.b, capsule.radius);
-  for (std::size_t i = 0; i < arm.own(); ++i) add(arm.all()[i].link, place.a[i], place.b[i], arm.all()[i].radius);
   SelfDistance least;
-  for (std::size_t i = 0; i < count; ++i) {
-    for (std::size_t j = i + 1; j < count; ++j) {
-      if (all[j].link - all[i].link < kNeighbours) continue;
-      const double radii = all[i].radius + all[j].radius, far = least.distance + radii + all[i].length + all[j].length;
-      if ((all[i].centre - all[j].centre).squaredNorm() >= far * far) continue;
-      const double distance = between(all[i], all[j]) - radii;
-      if (distance < least.distance) least = {distance, {all[i].link, all[j].link}};
-    }
-  }
+  visit_pairs(arm, place, least.distance, [&](const Segment& one, const Segment& two, const Between& axes) {
+    const double distance = axes.distance - one.radius - two.radius;
+    if (distance < least.distance) least = {distance, {one.link, two.link}};
+  });
   return least;
+}
+
+std::size_t self_contacts(const ArmCapsules& arm, const ArmCapsules::Place& place, double horizon,
+                          std::span<SelfContact> out) noexcept {
+  std::size_t count = 0;
+  visit_pairs(arm, place, horizon, [&](const Segment& one, const Segment& two, const Between& axes) {
+    const double distance = axes.distance - one.radius - two.radius;
+    if (distance >= horizon || axes.distance < kSame || count == out.size()) return;
+    const Vector3 away = (axes.to - axes.from) / axes.distance;
+    Vector7 gradient = arm.gradient(place, two.moves, axes.to, away);
+    if (one.moves >= 0) gradient -= arm.gradient(place, one.moves, axes.from, away);
+    out[count++] = {distance, gradient};
+  });
+  return count;
 }
 
 }  // namespace realtime

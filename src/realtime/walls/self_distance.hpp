@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 
 #include "realtime/walls/arm_capsules.hpp"
 
@@ -13,6 +14,15 @@ struct SelfDistance {
   std::array<int, 2> links = {};  // that are so near, ArmCapsules::Capsule::link
 };
 SelfDistance self_distance(const ArmCapsules& arm, const Vector7& q) noexcept;
+
+// Two such links, and how what is between them changes with the joints, m/rad.
+struct SelfContact {
+  double distance;
+  Vector7 gradient;
+};
+// Those that are nearer than `horizon` (m) where the arm is placed, as far as there is room; returns how many.
+std::size_t self_contacts(const ArmCapsules& arm, const ArmCapsules::Place& place, double horizon,
+                          std::span<SelfContact> out) noexcept;
 
 // No point of an arm moves farther than this by any of its joints, m/rad.
 inline constexpr double kMostReach = 1.3;

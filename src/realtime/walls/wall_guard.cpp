@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "realtime/cholesky.hpp"
+#include "realtime/walls/self_distance.hpp"
 
 namespace realtime {
 namespace {
@@ -20,6 +21,8 @@ constexpr int kPasses = 10;            // through the contacts, as each changes 
 // Torque.
 constexpr double kStiffness = 5000;    // N/m, of the spring before a wall: 50 N before the wall itself is touched
 constexpr double kHorizon = 0.3;       // m from a wall at which it is looked at, at most
+constexpr double kSelfHorizon = 0.1;   // m likewise between links: of 0.7 m/s that is the way to brake
+constexpr double kSelfRoom = 0.002;    // m before kSelfClearance where their spring begins, as torque comes late
 constexpr double kBrake = 4;           // m/s² that braking counts on: 0.5 m/s in 31 mm
 constexpr double kApproach = 60;       // 1/s, at which a capsule may come near to its greatest speed, and falls back to it
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done
@@ -132,7 +135,7 @@ Vector6 WallGuard::past(const Vector6& change, const Matrix76& dq_dP) const noex
   return past_bounds<6>(change, ease, kLeastPose, all);
 }
 
-bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept {
+HeldBy WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept {
   const ArmCapsules& arm = walls_->arm;
   arm.place(q, here_);
   struct Limit {
@@ -142,7 +145,24 @@ bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility
   };
   std::array<Limit, kMostContacts> limits;
   int count = 0;
-  bool needed = false;
+  HeldBy needed = HeldBy::kNothing;
+  // `way`: m that is left until the spring; returns whether it pushes, or brakes whatever is asked for.
+  const auto look_at = [&](double way, const Vector7& gradient) {
+    const double speed = -gradient.dot(dq), greatest = std::sqrt(2 * kBrake * std::max(way, 0.));
+    if (way < 0) tau_J_d -= kStiffness * way * gradient;
+    if (speed <= kFarFrom * greatest || speed <= 0 || count == kMostContacts) return way < 0;
+    const double least = kApproach * (speed - greatest) + kBrake * std::min(speed / std::max(greatest, 1e-3), 1.);
+    limits[count++] = {gradient, Vector7::Zero(), 0, least};
+    return way < 0 || least > 0;
+  };
+  std::array<SelfContact, kMostContacts / 2> own;
+  const std::size_t pairs = self_contacts(arm, here_, kSelfHorizon, own);
+  for (std::size_t k = 0; k < pairs; ++k) {
+    const double way = own[k].distance - kSelfClearance - kSelfRoom;
+    needed |= when(way < 0, HeldBy::kItself);
+    look_at(way, own[k].gradient);
+  }
+  const int of_itself = count;
   for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
     // None of its points is faster than an end.
     Vector3 a = Vector3::Zero(), b = Vector3::Zero();
@@ -155,18 +175,8 @@ bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility
     for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
       if (is_far(capsule, wall, here_, horizon)) continue;
       const Contact near = contact(capsule, wall, nearest(walls_->walls[wall].shape, here_.a[capsule], here_.b[capsule]));
-      const double way = near.distance - kClearance, speed = -near.gradient.dot(dq);
-      if (way < 0) {
-        tau_J_d -= kStiffness * way * near.gradient;
-        needed = true;
-        wall_ = walls_->walls[wall].id;
-      }
-      const double greatest = std::sqrt(2 * kBrake * std::max(way, 0.));
-      if (speed <= kFarFrom * greatest || speed <= 0 || count == kMostContacts) continue;
-      Limit& limit = limits[count++];
-      limit.gradient = near.gradient;
-      limit.least = kApproach * (speed - greatest) + kBrake * std::min(speed / std::max(greatest, 1e-3), 1.);
-      if (limit.least > 0) wall_ = walls_->walls[wall].id;
+      if (near.distance < kClearance) needed |= HeldBy::kWall;
+      if (look_at(near.distance - kClearance, near.gradient)) wall_ = walls_->walls[wall].id;
     }
   }
   if (count == 0) return needed;
@@ -186,7 +196,7 @@ bool WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility
   }
   for (int k = 0; k < count; ++k) {
     tau_J_d += limits[k].force * limits[k].gradient;
-    needed |= limits[k].force > 0;
+    needed |= when(limits[k].force > 0, k < of_itself ? HeldBy::kItself : HeldBy::kWall);
   }
   return needed;
 }

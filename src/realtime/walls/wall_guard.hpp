@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "realtime/held_by.hpp"
 #include "realtime/model.hpp"
 #include "realtime/walls/arm_capsules.hpp"
 #include "realtime/walls/shape.hpp"
@@ -27,8 +28,8 @@ struct Walls {
 
 // Keeps an arm clear of walls. Motions: at each cycle the whole way on which the arm would come to rest if it braked from there
 // is looked at, so that there is always one that is clear, however thin a wall is. Torques: what a controller's torque makes of
-// the joints, ddq = M^-1 (tau_J_d - c), may take no capsule nearer to a wall at a speed that could not be braked in time (a
-// control barrier, as JointBarrier), and from kClearance on a spring pushes back.
+// the joints, ddq = M^-1 (tau_J_d - c), may take no capsule nearer to a wall, or to another of the arm, at a speed that could not
+// be braked in time (a control barrier, as JointBarrier), and from kClearance, or kSelfClearance, on a spring pushes back.
 class WallGuard {
  public:
   static constexpr double kClearance = 0.01;   // m from a wall, where motions end and a spring begins
@@ -54,8 +55,8 @@ class WallGuard {
   Vector7 past(const Vector7& change) const noexcept;
   Vector6 past(const Vector6& change, const Matrix76& dq_dP) const noexcept;
 
-  // Adds to tau_J_d, N m; `mobility` is joint_mobility() at q, c the Coriolis torque (N m). True if it had to.
-  bool add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept;
+  // Adds to tau_J_d, N m; `mobility` is joint_mobility() at q, c the Coriolis torque (N m). Returns for what: kWall, kItself.
+  HeldBy add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept;
 
   // The wall that stood in the way, the last time one did; 0: none since change().
   std::uint32_t wall() const noexcept { return wall_; }
