@@ -43,6 +43,8 @@ using namespace std::chrono_literals;
 constexpr auto kHeartbeat = 100ms;
 constexpr auto kReconnectPeriod = 500ms;
 constexpr auto kTellPeriod = 2s;
+// More than for others: an arm in lockstep is silent as long as its computer has no time for it, and that is no sign that it is gone.
+constexpr auto kMorePatience = 9s;
 constexpr auto kHandTime = 500ms;   // that a client's first look at the arm may wait for its hand
 
 // The log as part of recordings.
@@ -162,7 +164,8 @@ class ArmProcess {
     if (transport_alive_.silence(transport_.rounds(), true, now) > most.transport) hang("transport", part_record().in_loop);
     // Each a sign of its own: a publisher that has trouble is no loop that hangs.
     const auto loop = loop_alive_.silence(door_.records.written(), looping_, now);
-    if (loop > (part_record().in_loop != 0 ? most.part : most.loop)) hang("1 kHz loop", part_record().in_builder);
+    const auto for_states = most.loop + (config_.lockstep ? kMorePatience : std::chrono::milliseconds());
+    if (loop > (part_record().in_loop != 0 ? most.part : for_states)) hang("1 kHz loop", part_record().in_builder);
     const Workbench& bench = transport_.workbench();
     const std::uint64_t finished = bench.finished();
     const auto builder = builder_alive_.silence(finished, bench.begun() != finished && part_record().in_builder != 0, now);
@@ -184,7 +187,9 @@ class ArmProcess {
     while (!quit_) {
       std::string why;
       try {
-        const auto driver = robot::FciDriver::connect(config_.address);
+        robot::FciTimes times;
+        if (config_.lockstep) times.silence += kMorePatience;
+        const auto driver = robot::FciDriver::connect(config_.address, times);
         told.clear();
         publisher_.count(driver->shared_counters());
         {
