@@ -36,7 +36,7 @@ from frankapy.parts import MinJerkJoint, RelativeMinJerkJoint
 from frankapy.sim import ControlChannel
 
 EVENT = 240  # s of the wall, for the end of an event; it mostly takes some two
-READY = 60  # s of the wall, for an arm whose server was killed
+READY = 60  # s of the wall, for an arm to be ready again
 REPORTED = 20  # s of the wall, for the result of a skill that has been stopped
 COMES_BESIDE = 0.02  # m, from the arm at rest to a wall that comes
 COMES_AHEAD = 0.35  # m, from an arm that moves
@@ -67,6 +67,10 @@ time.sleep(600)
 
 class _Enough(Exception):
     """No more of a sequence."""
+
+
+class _NotReady(Exception):
+    """The arm does not become ready: no more of the run."""
 
 
 @dataclasses.dataclass
@@ -113,8 +117,9 @@ class Player:
     def play(self) -> None:
         """Let all events happen."""
         try:
-            for event in self._scenario.events:
-                self._play(event)
+            with contextlib.suppress(_NotReady):
+                for event in self._scenario.events:
+                    self._play(event)
         finally:
             self._place = None
             for client in (self._fa, self._other):
@@ -256,7 +261,7 @@ class Player:
         with self._tried():
             if self._motions:
                 self._motions[-1].result(REPORTED)
-        self._try(lambda: self._fa.run(**draw.skill(), preempt=True, block=False))  # refused
+        self._try(lambda: self._fa.run(**draw.skill(), preempt=True, block=False, recover="ask"))  # refused, and waits for nobody
         self._control.user_stop(False)
 
     def _another_client(self, draw: Draw) -> None:
@@ -391,9 +396,13 @@ class Player:
                 self._endings[proto.Ending.Name(result.ending)] += 1
             except FrankaArmException as error:
                 self._found("unreported", f"skill {motion.id}: {error}")
-        with self._tried():
-            self._fa.wait_for_franka_interface(30)
-        self._judge_commands(judged)
+        try:  # whatever has happened to it, and whoever may bring it back has been asked
+            self._fa.wait_for_franka_interface(READY)
+        except FrankaArmException as error:
+            self._found("hung", f"the arm does not become ready: {error}")
+            raise _NotReady from error
+        finally:  # an error is in the states until then
+            self._judge_commands(judged)
 
     def _judge_commands(self, judged: bool = True) -> None:
         commands, states = self._tapped.tap.recorded()
