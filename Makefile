@@ -24,7 +24,7 @@ JUNIT := $(CURDIR)/$(BUILD)/junit
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 .PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly types wall wall-20 bench bench-programs \
-	interop interop-lockstep safety peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
+	interop interop-lockstep safety safety-gate peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -92,6 +92,9 @@ interop-lockstep: build $(VENV)/.frankapy
 HOURS = 20
 safety: programs $(VENV)/.frankapy ## look for violations of what keeps the arm safe, simulated hours of random skills and mishaps
 	$(VENV)/bin/python tests/safety/campaign.py $(if $(SEED),--seed $(SEED),--hours $(HOURS))
+
+safety-gate: programs $(VENV)/.frankapy
+	$(VENV)/bin/python tests/safety/campaign.py --gate $(JUNIT)/safety.xml
 
 FUZZERS := client_to_arm arm_to_client control_channel
 fuzz: fuzz-600 ## send mutated bytes to every parser, under sanitizers, for ten minutes each

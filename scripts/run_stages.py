@@ -49,6 +49,7 @@ GATE = [
     Stage("types", 120),
     Stage("interop-lockstep", 240, tries=2),
     Stage("demo-lockstep", 120, tries=2),
+    Stage("safety-gate", 120, tries=2),
     Stage("asan", 700, tries=2),
     Stage("tsan", 500, tries=2),
     Stage("fuzz-gate", 200),

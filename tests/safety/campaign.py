@@ -3,6 +3,7 @@
     make safety HOURS=20          simulated hours, from seed 0 on; writes its entries into build/bench.json
     make safety SEED=17           one run again
     .venv/bin/python tests/safety/campaign.py --seed 17 --events 3 8 9      and of it these events alone
+    make safety-gate              some events of each kind, always the same ones
 
 What a run is: scenario.py; what it is judged by: judge.py; docs/safety-campaign.md. Ends with 1 when a violation was found.
 """
@@ -18,6 +19,8 @@ import signal
 import sys
 import tempfile
 import time
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -35,6 +38,8 @@ FOUND = REPOSITORY / "build" / "safety"  # what is left of runs with violations
 LONGEST = 1800  # s of the wall, for a run
 SHRINKING = 1200  # s of the wall, for making one shorter
 WORKERS = max((os.cpu_count() or 2) // 2, 1)  # an arm and its loop take turns, and a tap passes on between them
+# What every change has to pass: seeds, one for each model, and which of their events.
+GATE = {44: (0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 12, 17), 49: (0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 14)}
 _FORK = multiprocessing.get_context("fork")
 
 
@@ -61,7 +66,7 @@ class Run:
 
     def end(self) -> Outcome:
         """Take its report, and end what it has left over."""
-        outcome = Outcome([Violation("hung", f"no report within {LONGEST} s")])
+        outcome = Outcome([Violation("hung", f"no report within {LONGEST} s" if self.is_late else "its process ended without a report")])
         with contextlib.suppress(EOFError):
             if self._reports.poll():
                 outcome = self._reports.recv()
@@ -94,9 +99,11 @@ class Campaign:
         self.seconds = 0.0
         self.skills = 0
 
-    def play(self, seeds: range, hours: float, workers: int, until_found: str | None) -> list[tuple[Scenario, Outcome]]:
-        """Play seed after seed until so many hours were simulated; return the runs with violations."""
-        left = iter(seeds)
+    def play(
+        self, scenarios: Iterable[Scenario], hours: float, workers: int, until_found: str | None = None
+    ) -> list[tuple[Scenario, Outcome]]:
+        """Play one after another until so many hours were simulated; return the runs with violations."""
+        left = iter(scenarios)
         running: list[Run] = []
         bad = []
         began = time.monotonic()
@@ -104,8 +111,8 @@ class Campaign:
             interrupted.callback(lambda: [run.kill() for run in running])
             while True:
                 enough = self.seconds >= 3600 * hours or (until_found and self.found[until_found])
-                while not enough and len(running) < workers and (seed := next(left, None)) is not None:
-                    running.append(Run(scenario.draw(seed), self._server, self._record))
+                while not enough and len(running) < workers and (what := next(left, None)) is not None:
+                    running.append(Run(what, self._server, self._record))
                 if not running:
                     break
                 ready = wait([run.reports for run in running], timeout=1)
@@ -184,6 +191,20 @@ def told(what: Scenario, outcome: Outcome, folder: Path) -> str:
     return "\n".join([*lines, f"  {kept.relative_to(REPOSITORY)}"])
 
 
+def write_junit(file: Path, scenarios: list[Scenario], bad: list[tuple[Scenario, Outcome]]) -> None:
+    """A test for each run, for programs."""
+    suite = ElementTree.Element("testsuite", name="safety", tests=str(len(scenarios)))
+    found = {what.seed: outcome for what, outcome in bad}
+    for what in scenarios:
+        case = ElementTree.SubElement(suite, "testcase", classname="safety", name=f"seed {what.seed} ({what.robot})")
+        if what.seed in found:
+            violations = [f"{each.kind}: {each.text}" for each in found[what.seed].violations]
+            failure = ElementTree.SubElement(case, "failure", message="; ".join(violations))
+            failure.text = "\n".join(found[what.seed].said)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    ElementTree.ElementTree(suite).write(file, encoding="unicode")
+
+
 def stopped(number: int, _frame: object) -> None:
     """Let what runs be ended."""
     raise KeyboardInterrupt(signal.Signals(number).name)
@@ -201,10 +222,16 @@ def main() -> int:
     parser.add_argument("--record", default="always", help="what the server records; other than always: likewise")
     parser.add_argument("--until-found", choices=KINDS, help="end with the first run that has a violation of this kind")
     parser.add_argument("--no-shrink", action="store_true", help="leave runs with violations as long as they are")
+    parser.add_argument("--gate", type=Path, metavar="FILE", help="only what every change has to pass; FILE gets it as JUnit")
     options = parser.parse_args()
     tqdm.monitor_interval = 0  # its thread would be forked
     signal.signal(signal.SIGTERM, stopped)
     campaign = Campaign(options.server or program("franka-interface"), options.record)
+    if options.gate is not None:
+        scenarios = [scenario.draw(seed).only(list(places)) for seed, places in GATE.items()]
+        bad = campaign.play(scenarios, hours=1, workers=options.workers)
+        write_junit(options.gate, scenarios, bad)
+        return 1 if bad else 0
     if options.seed is not None:
         what = scenario.draw(options.seed)
         run = Run(what if options.events is None else what.only(options.events), campaign._server, campaign._record)
@@ -220,7 +247,7 @@ def main() -> int:
             shutil.rmtree(run.folder, ignore_errors=True)
     else:
         seeds = range(options.first, options.first + (options.runs or 1_000_000))
-        bad = campaign.play(seeds, options.hours, options.workers, options.until_found)
+        bad = campaign.play(map(scenario.draw, seeds), options.hours, options.workers, options.until_found)
         print(json.dumps(campaign.entries(), indent=2))
         print(dict(campaign.endings.most_common(20)), file=sys.stderr)
         if not options.server and options.record == "always":
