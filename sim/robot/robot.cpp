@@ -427,16 +427,14 @@ void Robot::brake() {
 // tau_d without gravity; what it is while torques are commanded, the client says.
 Robot::Vector Robot::law() {
   if (phase_ == Phase::kGuiding) return tau_J_d_ = guiding_.torque(model_, F_T_EE_, sensors_.q, sensors_.dq);
-  if (phase_ == Phase::kMoving && external()) {
-    if (motion_.cycles > 0) return tau_J_d_;
-    // Holds until the first torque, and reports none.
-    return internal_.joint_impedance(model_, sensors_.q, sensors_.dq, desired_);
-  }
-  const auto controller = phase_ == Phase::kMoving ? motion_.controller : holding_;
-  tau_J_d_ = controller == ControllerMode::kCartesianImpedance
-                 ? internal_.cartesian_impedance(model_, F_T_EE_, sensors_.q, sensors_.dq, desired_)
-                 : internal_.joint_impedance(model_, sensors_.q, sensors_.dq, desired_);
-  return tau_J_d_;
+  const bool torques = phase_ == Phase::kMoving && external();
+  if (torques && motion_.cycles > 0) return tau_J_d_;
+  const auto controller = phase_ == Phase::kMoving && !torques ? motion_.controller : holding_;
+  const Vector tau = controller == ControllerMode::kCartesianImpedance
+                         ? internal_.cartesian_impedance(model_, F_T_EE_, sensors_.q, sensors_.dq, desired_)
+                         : internal_.joint_impedance(model_, sensors_.q, sensors_.dq, desired_);
+  // Until the first torque it is held as it was before, and reports none.
+  return torques ? tau : tau_J_d_ = tau;
 }
 
 void Robot::sense(const Truth& truth) {

@@ -30,6 +30,9 @@ const Vector7 kFaultDamping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
 constexpr double kLagging = 0.15, kHeld = 0.3;
 constexpr double kStill = 0.1;  // rad/s of an arm that is held, and does not only lag
 
+// Torque by which the robot's own law may leap when a motion begins, a share of what a joint can give.
+constexpr double kLeap = 0.2;
+
 constexpr double kFadeTime = 0.1;       // s in which a difference of torque fades away, at least
 constexpr double kFadePerTorque = 0.3;  // s more, where it is more than a joint can give: for each time of that
 constexpr double kLongestFade = 5;      // s
@@ -383,8 +386,8 @@ void Loop::compute_torque() noexcept {
   if (robot_->takes_torque()) {
     Vector7 tau;
     // An arm that its controller does not bring to rest in time is damped.
-    const bool lets_go = skill_ == nullptr && (!holder_->controller->tracks() || (leaving_ && overdue()));
-    if (!faulty_ && !lets_go) {
+    const bool lets_go = faulty_ || (skill_ == nullptr && (!holder_->controller->tracks() || (leaving_ && overdue())));
+    if (!lets_go) {
       step_controller(tau);
       if (fade_time_ < left_over_.duration()) {
         fade_time_ += cycle_.dt;
@@ -394,8 +397,8 @@ void Loop::compute_torque() noexcept {
       faulty_ = watch_.at_fault(PartWatch::kController);
       if (faulty_ && skill_ != nullptr) stop_running(Ending::kComponentFault);
     }
-    if (faulty_ || lets_go) tau = model_.coriolis() - kFaultDamping.cwiseProduct(cycle_.dq);
-    const bool led = holder_->controller->leads() && !lets_go && !faulty_;
+    if (faulty_ || lets_go) tau = model_.coriolis() + held_ - kFaultDamping.cwiseProduct(cycle_.dq);
+    const bool led = !lets_go && !faulty_ && holder_->controller->leads();
     held_by_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? gate_.away(cycle_) : 0, tau_J_d_);
   }
   if (skill_ == nullptr) return;
@@ -548,6 +551,7 @@ void Loop::drop_next(Ending ending, fci::Command refused, fci::Status status) no
   result.status = status;
   post_result(result, *next_);
   unfinished_ = next_->id;
+  released_ = false;
   door_.retired.push(next_);
   next_ = nullptr;
 }
@@ -611,6 +615,7 @@ void Loop::start_skill() noexcept {
   if (holder_ != nullptr) door_.retired.push(holder_);
   holder_ = skill_ = next_;
   next_ = nullptr;
+  released_ = false;
   phase_ = Phase::kRunning;
   leaving_ = false;
   hold_until_ = std::numeric_limits<std::uint64_t>::max();
@@ -775,15 +780,21 @@ bool Loop::in_motion() const noexcept {
 }
 
 void Loop::configure() noexcept {
+  if (next_ != nullptr && !released_ && would_leap()) {
+    released_ = true;
+    return start_motion(true);
+  }
   phase_ = Phase::kConfiguring;
   set_deadline(kAnswerTime);
   settings_.ask(next_ != nullptr ? next_->settings : robot::Settings{});
 }
 
-void Loop::start_motion() noexcept {
+// `release`: one that only lets the arm go where it is.
+void Loop::start_motion(bool release) noexcept {
   phase_ = Phase::kStarting;
   set_deadline(kAnswerTime);
-  mode_ = next_->mode;
+  releases_ = release;
+  mode_ = release ? robot::kTorque : next_->mode;
   robot_ = &robot_controller(mode_);
   wire_mode_ = robot::on_wire(mode_, driver_.version());
   move_id_.reset();
@@ -797,12 +808,49 @@ void Loop::begin_motion() noexcept {
   tau_J_d_.setZero();
   cycle_.tau_J_d.setZero();
   faulty_ = false;
+  held_.setZero();
   ticks_ = 1;
   gate_.place(cycle_.q);
+  if (releases_) return let_go();
   reference_ = robot_->start(cycle_, motion_of(next_->trajectory->fills()), model_);
   start_skill();
   skill_time_ = -cycle_.dt;  // its time begins with this command
   path_.step_back();
+}
+
+// Whether the robot's own law, as it is to be for the next skill, would tear the arm from where a softer one lets it be: it holds
+// q_d, where the motion begins.
+bool Loop::would_leap() const noexcept {
+  const auto to_be = [&](auto member) {
+    const auto& wanted = next_->settings.*member ? next_->settings.*member : options_.settings.*member;
+    return wanted ? wanted : in_force_.*member;
+  };
+  const auto of_joints = to_be(&robot::Settings::joint_impedance);
+  const auto of_pose = to_be(&robot::Settings::cartesian_impedance);
+  Vector7 pull = vector(state_.q_d) - cycle_.q;
+  if (next_->mode.controller == fci::ControllerMode::kJointImpedance && of_joints) {
+    pull = vector(of_joints->K_theta).cwiseProduct(pull);
+  } else if (next_->mode.controller == fci::ControllerMode::kCartesianImpedance && of_pose) {
+    const Vector6 K = Vector6::Map(of_pose->K_x.data());
+    Vector6 wrench = model_.jacobian() * pull;
+    wrench << K.head<3>().maxCoeff() * wrench.head<3>(), K.tail<3>().maxCoeff() * wrench.tail<3>();
+    pull = model_.jacobian().transpose() * wrench;
+  } else {
+    return false;
+  }
+  const Vector7 felt = vector(state_.tau_ext_hat_filtered);  // what it is held by now
+  return torque_gate_.share(felt.allFinite() ? Vector7(pull - felt) : pull) > kLeap;
+}
+
+// A motion of torques alone, which hold the arm where it is and damp it; when it is finished the robot holds the arm there.
+void Loop::let_go() noexcept {
+  reference_ = robot_->start(cycle_, Channels::kJoint, model_);
+  gate_.reset(reference_);
+  if (const Vector7 felt = vector(state_.tau_ext_hat_filtered); felt.allFinite()) held_ = felt;
+  skill_time_ = 0;
+  faulty_ = leaving_ = true;  // no controller is asked
+  phase_ = Phase::kBraking;
+  set_deadline(kSettlingTime);
 }
 
 void Loop::end_motion(Phase phase) noexcept {

@@ -87,8 +87,10 @@ class Loop {
 
   // The robot's side.
   void configure() noexcept;
-  void start_motion() noexcept;
+  void start_motion(bool release = false) noexcept;
   void begin_motion() noexcept;
+  bool would_leap() const noexcept;
+  void let_go() noexcept;
   void end_motion(Phase phase) noexcept;
   void fail_motion() noexcept;
   void recover() noexcept;
@@ -141,7 +143,9 @@ class Loop {
   bool waited_ = false;    // for an arm that was held
   bool held_back_ = false;  // by limits, in the step before
   bool trajectory_over_ = false;
-  bool faulty_ = false;      // the holder's controller is at fault, and no longer asked
+  bool faulty_ = false;      // the holder's controller is at fault, or there is none, and it is not asked
+  bool releases_ = false;    // the motion that starts only lets the arm go where it is
+  bool released_ = false;    // for the waiting skill there was one
   std::uint64_t unfinished_ = 0;  // id of the last skill that did not end by itself
   std::uint64_t limited_cycles_ = 0;
   std::uint64_t skill_lost_states_ = 0;
@@ -160,6 +164,7 @@ class Loop {
   HeldBy held_by_ = HeldBy::kNothing;        // in this cycle
   HeldBy skill_held_by_ = HeldBy::kNothing;  // since the running skill began
   Vector7 tau_J_d_ = Vector7::Zero();
+  Vector7 held_ = Vector7::Zero();  // N m, by which an arm is held whose controller is not asked
   MinJerk<7> left_over_;   // torque by which the controller would have stepped when it began, on its way to zero
   double fade_time_ = 1;   // s that it has been on it
   fci::RobotCommand command_;

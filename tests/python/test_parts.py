@@ -29,6 +29,7 @@ from frankapy.parts import (
     Never,
     OutsideBox,
     PassThrough,
+    RelativeMinJerkJoint,
     RelativeMinJerkPose,
     StayJoint,
     StayPose,
@@ -145,6 +146,23 @@ def test_somebody_who_turns_the_hand_ends_the_skill(ideal_arm):
                 assert ending(fa, until, StayPose(2)).termination == kind
         finally:
             ideal_arm.simulation.push([0] * 6, duration=0)
+
+
+def test_an_arm_that_a_soft_law_lets_yield_is_not_torn_back_by_a_stiff_one(ideal_arm):
+    def away(state):
+        return np.abs(np.subtract(state.robot.q, state.robot.q_d)).max()
+
+    for soft in (InternalImpedance(K_x=[74, 74, 74, 10, 10, 10]), InternalImpedance(K_theta=[50] * 7)):
+        with ideal_arm.client() as fa:
+            fa.run(MinJerkJoint(HOME, 1))
+            fa.run(RelativeMinJerkJoint([0.05] * 7, 0.5), soft)
+            ideal_arm.simulation.push([0, 0, 8, 0, 0, 0], duration=3600)
+            try:
+                fa.wait_for(lambda state: state.phase == proto.READY and away(state) > 0.06, 60)
+                result = fa.run(RelativeMinJerkJoint([0.02] * 7, 0.5), InternalImpedance())
+                assert result.ending == proto.TERMINATED, result
+            finally:
+                ideal_arm.simulation.push([0] * 6, duration=0)
 
 
 def test_thresholds_of_frankapy_end_motions_at_a_contact(start):

@@ -44,6 +44,7 @@ class MockRobot : public robot::Driver {
   std::array<int, 8> ticks = {1, 1, 1, 1, 1, 1, 1, 1};  // ms of the next states, in turn
   std::uint64_t leap = 0;  // ms that its clock shows more from the next state on, though no time has passed
   int lose = 0;  // of the next commands
+  Vector7 yields = Vector7::Zero();  // rad that the arm is away from q_d while the robot's own law holds it, until torques do
   bool locked = false;             // something holds the arm, whatever the torque
   std::optional<Eigen::Matrix4d> stale_pose;  // O_T_EE_c while no motion runs, and in its first state
 
@@ -224,6 +225,7 @@ class MockRobot : public robot::Driver {
     } else if (start_in_ > 0 && --start_in_ == 0) {
       in_motion_ = true;
       start_in_ = -1;
+      if (moved.torque()) q_d_ = q_ += std::exchange(yields, Vector7::Zero());
     }
     if (fail_to_) {
       if (in_motion_) end(fci::Status::kReflexAborted);
@@ -313,7 +315,7 @@ class MockRobot : public robot::Driver {
 
   void show() {
     const auto put = [](const Vector7& from, fci::Vector7& to) { Vector7::Map(to.data()) = from; };
-    put(q_, state.q);
+    put(q_ + yields, state.q);
     put(q_d_, state.q_d);
     put(dq_, state.dq);
     put(v_, state.dq_d);

@@ -1336,6 +1336,65 @@ TEST_F(LoopTest, PosesKeepTheJointsInsideTheirLimitsUnderTorqueToo) {
   judge = false;
 }
 
+// A soft law lets the arm be elsewhere than at q_d, from where a stiff one would tear it with 150 N m.
+TEST_F(LoopTest, ASofterArmIsLetGoWhereItIsBeforeAStifferLawTakesIt) {
+  give_internal(0.01, 0.1, stiffness(70));
+  ASSERT_TRUE(until(Phase::kIdle, 5000));
+  robot.yields = 0.05 * Vector7::Unit(3);
+  ASSERT_TRUE(cycle());
+  const Vector7 q = robot.q() + robot.yields;
+  give_internal(0.01, 0.1, stiffness(3000));
+  ASSERT_TRUE(until([&] { return robot.in_motion(); }, 100));
+  EXPECT_EQ(robot.moved, robot::kTorque);
+  ASSERT_TRUE(until([&] { return robot.moved == kInternalJoint && robot.in_motion(); }, 100));
+  EXPECT_LT((Vector7::Map(robot.state.q_d.data()) - q).norm(), 1e-3);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+  EXPECT_EQ(results[1].skill_id, 2u);
+  EXPECT_NEAR(results[1].time, 0.1, 0.01);
+  EXPECT_LT((robot.q() - q - Vector7::Constant(0.01)).norm(), 1e-3);
+  EXPECT_EQ(posted(fci::Command::kMove), 3);
+}
+
+TEST_F(LoopTest, AnArmThatIsBeingLetGoTakesAnotherSkillAndStops) {
+  give_internal(0.01, 0.1, stiffness(70));
+  ASSERT_TRUE(until(Phase::kIdle, 5000));
+  const auto let_go = [&] {
+    robot.yields = 0.05 * Vector7::Unit(3);
+    cycle();
+    give_internal(0.01, 0.1, stiffness(3000));
+    return until([&] { return robot.in_motion() && robot.moved == robot::kTorque; }, 100);
+  };
+  ASSERT_TRUE(let_go());
+  give_torque(0.01, 0.1);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kPreempted);
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[2].ending, Ending::kTerminated);
+  ASSERT_TRUE(until(Phase::kIdle, 5000));
+  ASSERT_TRUE(let_go());
+  door.stop_up_to = given;
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[3].ending, Ending::kStopped);
+  ASSERT_TRUE(until(Phase::kIdle, 1000));
+  EXPECT_FALSE(robot.in_motion());
+  give_internal(0.01, 0.1, stiffness(3000));
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[4].ending, Ending::kTerminated);
+}
+
+TEST_F(LoopTest, AnArmThatALoadHoldsAwayFromItsReferenceIsNotLetGo) {
+  give_internal(0.01, 0.1, stiffness(1000));
+  ASSERT_TRUE(until(Phase::kIdle, 5000));
+  robot.yields = 0.03 * Vector7::Unit(3);
+  robot.state.tau_ext_hat_filtered[3] = -30;  // that the arm exerts, as its law asks for it
+  ASSERT_TRUE(cycle());
+  give_internal(0.01, 0.1, stiffness(1000));
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+  EXPECT_EQ(posted(fci::Command::kMove), 2);
+}
+
 class OldRobot : public LoopTest {
  protected:
   OldRobot() : LoopTest(5) {}
