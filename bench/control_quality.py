@@ -19,14 +19,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import ruckig
+from shared.arm import HOME, arm, rms, rows_since
+from shared.figure_eight import figure_eight
 
-from frankapy import FrankaArm, FrankaConstants, parts, proto
+from frankapy import parts, proto
 from frankapy.parts import (
     CartesianImpedance,
     HybridForcePosition,
@@ -39,15 +39,14 @@ from frankapy.parts import (
     Time,
     TimeOptimalJoint,
 )
-from frankapy.sim import SimulatedArm, Simulation, program, read_truth
+from frankapy.sim import program, read_truth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests" / "interop"))
 from peer import environment, simulated_arm  # noqa: E402
 
-HOME = np.array(FrankaConstants.HOME_JOINTS)
 GOAL = HOME + [0.4, -0.2, 0.3, 0.3, -0.3, 0.4, 0.5]
-SECONDS, ROUNDS, WIDTH = 12.0, 2, 0.2
+SECONDS = 12.0
 FORCE = 10.0  # N
 MOTION_SHARE = 0.94  # of the limits of the arm that motions use
 SPEED = 0.5  # of these, so that EE stays within its own limits
@@ -90,39 +89,13 @@ else:
 """
 
 
-def figure_eight() -> np.ndarray:
-    """Return the way from its middle, (n, 3) m for each ms, from rest to rest."""
-    r = np.arange(0, SECONDS, 0.001) / SECONDS
-    angle = 2 * np.pi * ROUNDS * (10 * r**3 - 15 * r**4 + 6 * r**5)
-    return WIDTH / 2 * np.stack([0.5 * np.sin(2 * angle), np.sin(angle), 0 * angle], axis=1)
-
-
-@contextmanager
-def arm(**options) -> Iterator[tuple[Simulation, FrankaArm, Path]]:
-    with tempfile.TemporaryDirectory() as folder:
-        truth = Path(folder) / "truth.npy"
-        with Simulation(SimulatedArm(robot="fer", lockstep=True, truth=truth, **options)) as simulation:
-            with FrankaArm(server=simulation.server) as fa:
-                fa.run(MinJerkJoint(HOME, 1.5))
-                yield simulation, fa, truth
-
-
-def rows_since(truth: Path, cycle: int, until: int) -> np.ndarray:
-    rows = read_truth(truth, until=until)
-    return rows[(rows["cycle"] >= cycle) & (rows["cycle"] < until)]
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 # --- following -----------------------------------------------------------------------------------------------------------
 
 
 def follow_eight() -> dict[str, float]:
     if not hasattr(proto, "PoseSamples"):
         return {}
-    way = figure_eight()
+    way = figure_eight(SECONDS)
     with arm() as (_, fa, truth):
         start = fa.get_pose(include_tool_offset=False)
         samples = parts.PoseSamples(start.translation + way, np.tile(start.quaternion, (len(way), 1)))
@@ -227,7 +200,7 @@ def peer() -> dict[str, float]:
 def peer_entries(python: Path) -> dict[str, float]:
     _, rows = peer_does(python, "joints", {"home": HOME.tolist(), "goal": GOAL.tolist()})
     entries = {"joint_impedance_end_error_rad_panda_python": float(np.abs(rows["q"][-1] - GOAL).max())}
-    way = figure_eight()
+    way = figure_eight(SECONDS)
     told, rows = peer_does(python, "eight", {"home": HOME.tolist(), "way": way.tolist()})
     place = dict(told["sent"])
     rows = rows[np.isin(rows["cycle"], list(place))]

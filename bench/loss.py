@@ -9,34 +9,27 @@ The seed of what is lost is fixed; how many cycles pass between rounds is the co
 
 import json
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
+from shared.arm import HOME, arm
+from shared.figure_eight import figure_eight
 from tqdm import tqdm
 
-from frankapy import FrankaArm, FrankaConstants, parts, proto
+from frankapy import FrankaArm, parts, proto
 from frankapy.parts import CartesianImpedance, InternalImpedance, MinJerkJoint
-from frankapy.sim import SimulatedArm, Simulation, read_truth
+from frankapy.sim import read_truth
 
 LOSS, SEED = 0.05, 11
 MINUTES = 10
-SECONDS, ROUNDS, WIDTH = 16.0, 2, 0.2
+SECONDS = 16.0
 AFTER = 1  # s, between two figures, so that the arm rests
-HOME = np.array(FrankaConstants.HOME_JOINTS)
-
-
-def figure_eight() -> np.ndarray:
-    """Return the way from its middle, (n, 3) m for each ms, from rest to rest."""
-    r = np.arange(0, SECONDS, 0.001) / SECONDS
-    angle = 2 * np.pi * ROUNDS * (10 * r**3 - 15 * r**4 + 6 * r**5)
-    return WIDTH / 2 * np.stack([0.5 * np.sin(2 * angle), np.sin(angle), 0 * angle], axis=1)
 
 
 def follow(fa: FrankaArm, truth: Path, controller: object) -> tuple[np.ndarray, bool]:
     """Return the squares of the tool's distance from the figure (m²), cycle by cycle, and whether it was followed to its end."""
     start = fa.get_pose(include_tool_offset=False)
-    way = start.translation + figure_eight()
+    way = start.translation + figure_eight(SECONDS)
     samples = parts.PoseSamples(way, np.tile(start.quaternion, (len(way), 1)))
     with fa.states() as states:
         result = fa.run(samples, controller, ignore_errors=True)
@@ -55,19 +48,15 @@ def follow(fa: FrankaArm, truth: Path, controller: object) -> tuple[np.ndarray, 
 def measure(controller: object, minutes: float, loss: float) -> tuple[float, int]:
     """Return the root mean square (m) over rounds of so many minutes, and the errors."""
     squares, errors = [], 0
-    with tempfile.TemporaryDirectory() as folder:
-        truth = Path(folder) / "truth.npy"
-        arm = SimulatedArm(robot="fer", lockstep=True, truth=truth)
-        with Simulation(arm) as simulation, FrankaArm(server=simulation.server) as fa:
-            fa.run(MinJerkJoint(HOME, 1.5))
-            simulation.network(loss_in=loss, loss_out=loss, seed=SEED)
-            for _ in tqdm(range(max(1, round(60 * minutes / (SECONDS + AFTER)))), unit="round", disable=None):
-                found, well = follow(fa, truth, controller)
-                squares.append(found)
-                errors += not well
-                if not well:
-                    fa.wait_for_franka_interface()
-                    fa.run(MinJerkJoint(HOME, 1.5), ignore_errors=True)
+    with arm() as (simulation, fa, truth):
+        simulation.network(loss_in=loss, loss_out=loss, seed=SEED)
+        for _ in tqdm(range(max(1, round(60 * minutes / (SECONDS + AFTER)))), unit="round", disable=None):
+            found, well = follow(fa, truth, controller)
+            squares.append(found)
+            errors += not well
+            if not well:
+                fa.wait_for_franka_interface()
+                fa.run(MinJerkJoint(HOME, 1.5), ignore_errors=True)
     return float(np.sqrt(np.mean(np.concatenate(squares)))), errors
 
 
