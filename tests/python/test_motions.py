@@ -292,6 +292,15 @@ def test_every_protocol_version_moves(start, protocol):
         assert errors(fa.get_pose(), goal)[0] < 0.005
 
 
+@pytest.mark.parametrize("robot", ["fer", "fr3"])
+def test_under_torque_control_the_tool_turns_as_far_as_it_can(start, robot):
+    """Half a turn away from where the motion began, too."""
+    with start(robot=robot, ideal=True).client() as fa:
+        fa.goto_joints([*HOME[:6], -1.65], 2)
+        fa.goto_joints([*HOME[:6], 1.65], 2, use_impedance=True, ignore_errors=False)
+        assert fa.get_joints()[6] == pytest.approx(1.65, abs=0.01)
+
+
 def test_two_arms_move_at_once():
     from frankapy.sim import SimulatedArm, Simulation
 

@@ -49,7 +49,11 @@ void ControlServer::run() {
         more = rest.more();
         frame.rebuild();
       }
-      (void)socket_.send(zmq::buffer(calls_.answer({frame.data<std::byte>(), frame.size()})));
+      const auto answer = calls_.answer({frame.data<std::byte>(), frame.size()});
+      // Has ZeroMQ look at what it has sent: what it does not know of yet counts as waiting, and beyond kMostWaiting answers are
+      // dropped without a word.
+      (void)socket_.get(zmq::sockopt::events);
+      (void)socket_.send(zmq::buffer(answer));
     } catch (const zmq::error_t& error) {
       if (error.num() != EINTR) spdlog::warn("control channel: {}", error.what());
     }
