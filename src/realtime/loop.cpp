@@ -821,12 +821,8 @@ void Loop::begin_motion() noexcept {
 // Whether the robot's own law, as it is to be for the next skill, would tear the arm from where a softer one lets it be: it holds
 // q_d, where the motion begins.
 bool Loop::would_leap() const noexcept {
-  const auto to_be = [&](auto member) {
-    const auto& wanted = next_->settings.*member ? next_->settings.*member : options_.settings.*member;
-    return wanted ? wanted : in_force_.*member;
-  };
-  const auto of_joints = to_be(&robot::Settings::joint_impedance);
-  const auto of_pose = to_be(&robot::Settings::cartesian_impedance);
+  const auto& of_joints = settings_.to_be(&robot::Settings::joint_impedance, next_->settings);
+  const auto& of_pose = settings_.to_be(&robot::Settings::cartesian_impedance, next_->settings);
   Vector7 pull = vector(state_.q_d) - cycle_.q;
   if (next_->mode.controller == fci::ControllerMode::kJointImpedance && of_joints) {
     pull = vector(of_joints->K_theta).cwiseProduct(pull);

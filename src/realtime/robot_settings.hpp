@@ -19,6 +19,13 @@ class RobotSettings {
   // Whether a skill with these needs no request.
   bool in_force(const robot::Settings& skill) const noexcept;
 
+  // What one of them will be in a motion of this skill; none: not known.
+  template <class Setting>
+  const std::optional<Setting>& to_be(std::optional<Setting> robot::Settings::* setting, const robot::Settings& skill) const noexcept {
+    const auto& wanted = skill.*setting ? skill.*setting : base_.*setting;
+    return wanted ? wanted : in_force_.*setting;
+  }
+
   // From now on asks for all that is not in force: post() in each cycle, until answered().
   void ask(const robot::Settings& skill) noexcept;
   bool asked() const noexcept { return asked_; }  // ever
