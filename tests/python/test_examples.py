@@ -91,6 +91,7 @@ def test_an_example_runs(script, arms):
         assert not done.stderr
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(600)  # s: it compiles
 def test_the_example_of_ones_own_controller_runs():
     # What was compiled before is found again, whatever the folder's name is.

@@ -223,7 +223,8 @@ def patient_arm(bad):
 # --- what `frankapy new` writes ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("role", ["controller", *(pytest.param(role, marks=pytest.mark.nightly) for role in ("trajectory", "termination"))])
+@pytest.mark.nightly
+@pytest.mark.parametrize("role", ["controller", "trajectory", "termination"])
 def test_what_new_writes_is_built_tested_and_run_as_its_readme_says(role, tmp_path):
     built = new(tmp_path / "mine", role, f"my_{role}")
     library = built / f"libmy_{role}.so"
