@@ -111,6 +111,17 @@ TEST(TargetStream, RestsAtTheLastWhereTargetsCeaseAndComesBackSmoothly) {
   EXPECT_LT((x[5000] - wave(5.0 - 0.05)).norm(), 2e-3);
 }
 
+TEST(TargetStream, BrakesUntilTheFirstTargetWhereItBeginsInMotion) {
+  Stream stream(std::nullopt, 0, kRates);
+  stream.start({Vector::Zero(), Vector(0.3, 0), Vector::Zero()});
+  std::vector<Vector> x;
+  for (int i = 1; i < 1000; ++i) x.push_back(stream.at(i * kTick).x);
+  EXPECT_NEAR(x.front()[0], 0.3 * kTick, 1e-6);
+  EXPECT_LT(Watch({0, x, 100}).judge().most_a, 6 * 1.01);
+  EXPECT_GT(x.back()[0], 0.3 * 0.3 / (2 * 6));
+  EXPECT_LT((x.back() - x[900]).norm(), 1e-9);
+}
+
 // A publisher, or the network, stands still and then sends all that it had in a heap, in `within` s.
 TEST(TargetStream, TargetsInAHeapAreNoFastMotion) {
   for (const double within : {0.0, 0.002, 0.01, 0.04, 0.1, 0.2, 0.3}) {

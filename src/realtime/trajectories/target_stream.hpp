@@ -17,10 +17,10 @@ namespace realtime {
 //
 // With delay 0 each target is gone to at once, time-optimally inside the rates. With a delay the targets are knots of a cubic
 // Hermite spline that is passed so long after they were meant, with slopes from their neighbours (Catmull-Rom); a slope stays
-// as it is once the segment before it is begun, so that position and velocity are continuous. Where targets run out the motion
-// brakes, and then comes back to the last; one that comes when its time has passed begins the delay anew; where targets jump, come back, or
-// come in a heap, the difference fades as fast as the rates allow, however often that begins again. Without a given delay it is
-// twice the time between targets, as observed.
+// as it is once the segment before it is begun, so that position and velocity are continuous. Until the first target the motion
+// brakes; where targets run out it brakes, and then comes back to the last; one that comes when its time has passed begins the
+// delay anew; where targets jump, come back, or come in a heap, the difference fades as fast as the rates allow, however often
+// that begins again. Without a given delay it is twice the time between targets, as observed.
 template <int N>
 class TargetStream {
  public:
@@ -240,9 +240,9 @@ class TargetStream {
     int i = 0;  // the last knot that is passed
     while (i + 1 < count_ && knots_[i + 1].t <= p) ++i;
     if (count_ == 0 || p < knots_[0].t) {
-      if (!ran_out_) return desired_;
-      if (braked_ && time - plan_start_ > planner_.trajectory.get_duration()) go_to(last_, planned(time - plan_start_));
-      return planned(time - plan_start_);
+      const bool at_rest = braked_ && time - plan_start_ > planner_.trajectory.get_duration();
+      if (ran_out_ && at_rest) go_to(last_, planned(time - plan_start_));
+      return braked_ || ran_out_ ? planned(time - plan_start_) : desired_;
     }
     fix(i);
     if (i + 1 == count_) {  // targets have run out
@@ -254,7 +254,7 @@ class TargetStream {
       count_ = 0;
       return planned(time - plan_start_);
     }
-    ran_out_ = false;
+    braked_ = ran_out_ = false;
     Knot &from = knots_[i], &to = knots_[i + 1];
     if (jumps(from, to)) return {to.x, Vector::Zero(), Vector::Zero()};
     fix(i + 1);
