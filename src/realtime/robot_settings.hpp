@@ -21,7 +21,8 @@ class RobotSettings {
 
   // What one of them will be in a motion of this skill; none: not known.
   template <class Setting>
-  const std::optional<Setting>& to_be(std::optional<Setting> robot::Settings::* setting, const robot::Settings& skill) const noexcept {
+  const std::optional<Setting>& to_be(std::optional<Setting> robot::Settings::* setting,
+                                      const robot::Settings& skill) const noexcept {
     const auto& wanted = skill.*setting ? skill.*setting : base_.*setting;
     return wanted ? wanted : in_force_.*setting;
   }

@@ -43,7 +43,7 @@ using namespace std::chrono_literals;
 constexpr auto kHeartbeat = 100ms;
 constexpr auto kReconnectPeriod = 500ms;
 constexpr auto kTellPeriod = 2s;
-// More than for others: an arm in lockstep is silent as long as its computer has no time for it, and that is no sign that it is gone.
+// More than for others: an arm in lockstep is silent as long as its computer has no time for it, which is no sign that it is gone.
 constexpr auto kMorePatience = 9s;
 constexpr auto kHandTime = 500ms;   // that a client's first look at the arm may wait for its hand
 

@@ -9,9 +9,8 @@ namespace realtime {
 // A movement primitive of each joint (dmp.hpp), with the first basis function kMinJerk. Begins at the reference with
 // its velocity; its acceleration there is that of the springs, so that the limiter rounds it. It is cut off after its
 // duration; joints that still move then decay to rest. As a whole it is made slower where the learned motion breaks the
-// limits of velocity, acceleration and jerk; FR3's envelope, and what a velocity at the start adds, are left to the
-// limiter; so is what values of sensors that come while it
-// runs make of it.
+// limits of velocity, acceleration and jerk; FR3's envelope, what a velocity at the start adds, and what values of sensors
+// that come while it runs make of it, are left to the limiter.
 class JointDmp : public TrajectoryGenerator {
  public:
   struct Parameters {

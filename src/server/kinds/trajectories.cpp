@@ -68,6 +68,12 @@ Eigen::Map<const Eigen::Matrix<double, N, Eigen::Dynamic>> table(const Doubles& 
   return {field.data(), N, field.size() / N};  // its size was checked
 }
 
+// Of messages whose primitive has one force.
+template <class Message>
+realtime::DmpForce force(const Message& m) {
+  return {list(m.mu()), list(m.h()), list(m.weights()), list(m.initial_sensor_values()), given(m.has_topic(), m.topic())};
+}
+
 template <class Message>
 auto pose_dmp(realtime::FirstBasis first) {
   return trajectory<Message>([first](const auto& m, const auto& arm) {
@@ -77,8 +83,7 @@ auto pose_dmp(realtime::FirstBasis first) {
     }
     return new realtime::PoseDmp(first,
                                  {{m.tau(), m.alpha(), m.beta()},
-                                  {list(m.mu()), list(m.h()), list(m.weights()), list(m.initial_sensor_values()),
-                                   given(m.has_topic(), m.topic())},
+                                  force(m),
                                   m.duration(),
                                   m.position_only()      ? Dimensions::kPosition
                                   : m.orientation_only() ? Dimensions::kOrientation
@@ -173,11 +178,7 @@ std::vector<Kind<realtime::TrajectoryGenerator>>& trajectories() {
         return new realtime::StreamCartesianVelocity({m.topic(), m.timeout(), m.speed()}, arm.limits);
       }),
       trajectory<proto::JointDmp>([](const auto& m, const auto& arm) {
-        return new realtime::JointDmp({{m.tau(), m.alpha(), m.beta()},
-                                       {list(m.mu()), list(m.h()), list(m.weights()), list(m.initial_sensor_values()),
-                                   given(m.has_topic(), m.topic())},
-                                       m.duration()},
-                                      arm.limits);
+        return new realtime::JointDmp({{m.tau(), m.alpha(), m.beta()}, force(m), m.duration()}, arm.limits);
       }),
       pose_dmp<proto::PoseDmp>(realtime::FirstBasis::kMinJerk),
       pose_dmp<proto::GoalPoseDmp>(realtime::FirstBasis::kGoal),
@@ -185,7 +186,7 @@ std::vector<Kind<realtime::TrajectoryGenerator>>& trajectories() {
         return new realtime::QuaternionPoseDmp(
             {{m.position_tau(), m.position_alpha(), m.position_beta()},
              {list(m.position_mu()), list(m.position_h()), list(m.position_weights()), list(m.initial_sensor_values()),
-                                   given(m.has_topic(), m.topic())},
+              given(m.has_topic(), m.topic())},
              m.quat_alpha(),
              m.quat_beta(),
              {list(m.quat_mu()), list(m.quat_h()), list(m.quat_weights()), {}},
