@@ -529,4 +529,38 @@ TEST_P(PushedBack, an_arm_that_is_led_against_itself_is_braked_before_the_robot_
   }
 }
 
+// Fingers that lie along the shoulder, or along a table: the nearest place of a capsule leaps there between its ends.
+TEST_P(PushedBack, an_arm_that_is_pressed_on_something_lies_still) {
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  for (const bool on_itself : {true, false}) {
+    SimulatedArm arm(GetParam(), Vector7::Map(models::kMotorInertia.data()));
+    TorqueGate gate(limits);
+    WallGuard guard;
+    auto* walls = new Walls{ArmCapsules(models::arm(GetParam()), true), {}};
+    if (on_itself) {
+      arm.q << 0, -0.5, 0, -2.7, 0, 1.1, M_PI_4;
+      arm.observe();
+    } else {
+      walls->walls.push_back({1, box(arm.cycle.O_T_EE.translation() - Vector3(0, 0, 0.1), {0.2, 0.4, 0.05})});
+    }
+    guard.change(walls);
+    Vector7 goal = arm.q;
+    if (on_itself) goal[5] = 0.5;
+    const Vector7 stiffness = (Vector7() << 600, 600, 600, 600, 250, 150, 50).finished();
+    const Vector7 damping = (Vector7() << 50, 50, 50, 50, 30, 25, 15).finished();
+    Vector7 sent = Vector7::Zero();
+    double fastest = 0;
+    for (int k = 0; k < 6000; ++k) {
+      Vector7 wanted = arm.model.coriolis() + stiffness.cwiseProduct(goal - arm.q) - damping.cwiseProduct(arm.dq);
+      if (!on_itself) wanted += arm.model.jacobian().transpose() * (Vector6() << 0, 0, -120, 0, 0, 0).finished();
+      gate.pass(arm.cycle, guard, wanted, 0, sent);
+      arm.step(sent);
+      if (k >= 5000) fastest = std::max(fastest, arm.dq.cwiseAbs().maxCoeff());
+    }
+    EXPECT_LT(fastest, 2e-3) << "rad/s, " << (on_itself ? "on itself" : "on a table");
+    const double left = on_itself ? self_distance(walls->arm, arm.q).distance - kSelfClearance : clearance_of(*walls, arm.q) - 0.01;
+    EXPECT_NEAR(left, 0, 0.003);
+  }
+}
+
 }  // namespace

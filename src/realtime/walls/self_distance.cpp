@@ -8,6 +8,7 @@ namespace {
 
 constexpr int kNeighbours = 3;
 constexpr double kSame = 1e-6;  // m, of axes that meet: no way leads apart
+constexpr double kAlike = 0.02;  // m that an end of an axis may be farther from another and is looked at too
 constexpr std::size_t kMost = ArmCapsules::kMost + 4;  // with those that are fixed
 
 struct Segment {
@@ -36,6 +37,10 @@ Between between(const Segment& one, const Segment& two) noexcept {
   }
   const Vector3 from = one.centre + s * one.half, to = two.centre + t * two.half;
   return {(to - from).norm(), from, to};
+}
+
+Vector3 nearest(const Segment& segment, const Vector3& point) noexcept {
+  return segment.centre + std::clamp((point - segment.centre).dot(segment.half) / segment.half.squaredNorm(), -1., 1.) * segment.half;
 }
 
 // Calls visit(one, two, what is between them) for links that are not neighbours and may be nearer than `horizon`, m, which visit()
@@ -76,15 +81,26 @@ SelfDistance self_distance(const ArmCapsules& arm, const Vector7& q) noexcept {
 
 std::size_t self_contacts(const ArmCapsules& arm, const ArmCapsules::Place& place, double horizon,
                           std::span<SelfContact> out) noexcept {
-  std::size_t count = 0;
+  std::array<SelfContact, kMost> ends;
+  std::size_t count = 0, of_ends = 0;
   visit_pairs(arm, place, horizon, [&](const Segment& one, const Segment& two, const Between& axes) {
-    const double distance = axes.distance - one.radius - two.radius;
-    if (distance >= horizon || axes.distance < kSame || count == out.size()) return;
-    const Vector3 away = (axes.to - axes.from) / axes.distance;
-    Vector7 gradient = arm.gradient(place, two.moves, axes.to, away);
-    if (one.moves >= 0) gradient -= arm.gradient(place, one.moves, axes.from, away);
-    out[count++] = {distance, gradient};
+    const auto add = [&](const Vector3& from, const Vector3& to, std::span<SelfContact> into, std::size_t& of) {
+      const double apart = (to - from).norm(), distance = apart - one.radius - two.radius;
+      if (distance >= horizon || apart < kSame || of == into.size()) return;
+      const Vector3 away = (to - from) / apart;
+      Vector7 gradient = arm.gradient(place, two.moves, to, away);
+      if (one.moves >= 0) gradient -= arm.gradient(place, one.moves, from, away);
+      into[of++] = {distance, gradient};
+    };
+    add(axes.from, axes.to, out, count);
+    for (const double side : {-1., 1.}) {
+      const Vector3 from = one.centre + side * one.half, on_two = nearest(two, from);
+      if (from != axes.from && (on_two - from).norm() < axes.distance + kAlike) add(from, on_two, ends, of_ends);
+      const Vector3 to = two.centre + side * two.half, on_one = nearest(one, to);
+      if (to != axes.to && (to - on_one).norm() < axes.distance + kAlike) add(on_one, to, ends, of_ends);
+    }
   });
+  for (std::size_t k = 0; k < of_ends && count < out.size(); ++k) out[count++] = ends[k];
   return count;
 }
 

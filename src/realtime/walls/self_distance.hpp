@@ -20,7 +20,8 @@ struct SelfContact {
   double distance;
   Vector7 gradient;
 };
-// Those that are nearer than `horizon` (m) where the arm is placed, as far as there is room; returns how many.
+// Those that are nearer than `horizon` (m) where the arm is placed, as far as there is room; returns how many. Of two that are
+// almost parallel also what is between their ends, as the nearest place leaps from one end to the other when they tilt.
 std::size_t self_contacts(const ArmCapsules& arm, const ArmCapsules::Place& place, double horizon,
                           std::span<SelfContact> out) noexcept;
 

@@ -20,12 +20,16 @@ constexpr int kPasses = 10;            // through the contacts, as each changes 
 
 // Torque.
 constexpr double kStiffness = 5000;    // N/m, of the spring before a wall: 50 N before the wall itself is touched
+constexpr double kQuickest = 50;       // rad/s, at which no more than that is felt may swing on it
 constexpr double kHorizon = 0.3;       // m from a wall at which it is looked at, at most
 constexpr double kSelfHorizon = 0.1;   // m likewise between links: of 0.7 m/s that is the way to brake
 constexpr double kSelfRoom = 0.002;    // m before kSelfClearance where their spring begins, as torque comes late
-constexpr double kBrake = 4;           // m/s² that braking counts on: 0.5 m/s in 31 mm
+constexpr double kAlike = 0.02;        // m that the end of a capsule may be farther from a wall and is looked at too
+constexpr double kBrake = 4;           // m/s² that braking counts on: 0.5 m/s in 34 mm
+constexpr double kSettle = 25;         // 1/s, at which the last of the way is gone, where that is slower
+constexpr double kLast = kBrake / (2 * kSettle * kSettle);  // m, that so become more
 constexpr double kApproach = 60;       // 1/s, at which a capsule may come near to its greatest speed, and falls back to it
-constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done
+constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done, but on the last of the way
 
 // Of a pose's change: turning by a radian costs as much as this way, in m. What is in the way is passed beside rather than
 // turned away from.
@@ -139,8 +143,8 @@ HeldBy WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobili
   const ArmCapsules& arm = walls_->arm;
   arm.place(q, here_);
   struct Limit {
-    Vector7 gradient, response;  // of the joints to a force along the gradient
-    double mobility, least;      // least acceleration along the gradient
+    Vector7 gradient, response;   // of the joints to a force along the gradient
+    double mobility, least, way;  // least acceleration along the gradient
     double force = 0;
   };
   std::array<Limit, kMostContacts> limits;
@@ -148,11 +152,12 @@ HeldBy WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobili
   HeldBy needed = HeldBy::kNothing;
   // `way`: m that is left until the spring; returns whether it pushes, or brakes whatever is asked for.
   const auto look_at = [&](double way, const Vector7& gradient) {
-    const double speed = -gradient.dot(dq), greatest = std::sqrt(2 * kBrake * std::max(way, 0.));
-    if (way < 0) tau_J_d -= kStiffness * way * gradient;
-    if (speed <= kFarFrom * greatest || speed <= 0 || count == kMostContacts) return way < 0;
-    const double least = kApproach * (speed - greatest) + kBrake * std::min(speed / std::max(greatest, 1e-3), 1.);
-    limits[count++] = {gradient, Vector7::Zero(), 0, least};
+    const double speed = -gradient.dot(dq), left = std::max(way, 0.);
+    const double greatest = left < 2 * kLast ? kSettle * left : std::sqrt(2 * kBrake * (left - kLast));
+    if ((way > 2 * kLast && speed <= kFarFrom * greatest) || count == kMostContacts) return false;
+    const double falls = left < 2 * kLast ? kSettle : kBrake / greatest;  // as the way does
+    const double least = kApproach * (speed - greatest) + falls * speed;
+    limits[count++] = {gradient, Vector7::Zero(), 0, least, way};
     return way < 0 || least > 0;
   };
   std::array<SelfContact, kMostContacts / 2> own;
@@ -174,9 +179,20 @@ HeldBy WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobili
     const double horizon = std::min(kClearance + fast / (2 * kBrake), kHorizon);
     for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
       if (is_far(capsule, wall, here_, horizon)) continue;
-      const Contact near = contact(capsule, wall, nearest(walls_->walls[wall].shape, here_.a[capsule], here_.b[capsule]));
-      if (near.distance < kClearance) needed |= HeldBy::kWall;
-      if (look_at(near.distance - kClearance, near.gradient)) wall_ = walls_->walls[wall].id;
+      const Shape& shape = walls_->walls[wall].shape;
+      const Nearest found = nearest(shape, here_.a[capsule], here_.b[capsule]);
+      const auto look = [&](const Nearest& at) {
+        const Contact near = contact(capsule, wall, at);
+        if (near.distance < kClearance) needed |= HeldBy::kWall;
+        if (look_at(near.distance - kClearance, near.gradient)) wall_ = walls_->walls[wall].id;
+      };
+      look(found);
+      // The nearest place of a capsule that lies along a wall leaps from one end to the other when it tilts.
+      for (const Vector3& end : {here_.a[capsule], here_.b[capsule]}) {
+        if (end == found.point) continue;
+        const Distance own = distance(shape, end);
+        if (own.distance < found.distance + kAlike) look({own, end});
+      }
     }
   }
   if (count == 0) return needed;
@@ -195,8 +211,10 @@ HeldBy WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobili
     }
   }
   for (int k = 0; k < count; ++k) {
-    tau_J_d += limits[k].force * limits[k].gradient;
-    needed |= when(limits[k].force > 0, k < of_itself ? HeldBy::kItself : HeldBy::kWall);
+    const Limit& limit = limits[k];
+    const double stiffness = std::min(kStiffness, kQuickest * kQuickest / limit.mobility);
+    tau_J_d += (limit.force - stiffness * std::min(limit.way, 0.)) * limit.gradient;
+    needed |= when(limit.force > 0, k < of_itself ? HeldBy::kItself : HeldBy::kWall);
   }
   return needed;
 }
