@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -58,14 +59,20 @@ def build(folder: Path, package: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def tutorial(tmp_path_factory):
+def build_folder():
+    """Return a folder in the build tree, as near to the headers in every clone: only so is found what another compiled."""
+    with tempfile.TemporaryDirectory(prefix="parts-", dir=REPOSITORY / "build") as folder:
+        yield Path(folder)
+
+
+@pytest.fixture(scope="session")
+def tutorial(build_folder):
     """Return the build folders of the tutorial's parts."""
-    folder = tmp_path_factory.mktemp("tutorial")
     built = {}
     for role, name in (("controller", "lqr"), ("trajectory", "spiral_search")):
         files = {path: text for path, text in blocks().items() if name in path and path != f"{name}.py"}
         assert set(files) == {f"{name}.proto", f"{name}.cpp", f"test_{name}.cpp"}
-        built[name] = new(folder / name, role, name, **files)
+        built[name] = new(build_folder / name, role, name, **files)
     return built
 
 
@@ -189,11 +196,10 @@ franka_interface_part(bad_part bad_part.cpp bad_part.proto)
 
 
 @pytest.fixture(scope="session")
-def bad(tmp_path_factory):
+def bad(build_folder):
     """Return the build folder of parts that break the rules when told to."""
-    folder = tmp_path_factory.mktemp("bad") / "bad_part"
     return new(
-        folder, "controller", "bad_part",
+        build_folder / "bad_part", "controller", "bad_part",
         **{"bad_part.proto": BAD_PROTO, "bad_part.cpp": BAD_CPP, "CMakeLists.txt": BAD_BUILD},
     )  # fmt: skip
 
@@ -255,16 +261,16 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_a_part_is_built_against_the_installed_package_and_runs_in_the_installed_server(tmp_path, monkeypatch):
-    run("cmake", "--install", REPOSITORY / "build", "--prefix", tmp_path / "prefix")
-    assert cli.main(["new", "termination", "mine", "--folder", str(tmp_path / "mine")]) == 0
-    programs = tmp_path / "prefix" / "bin"
+def test_a_part_is_built_against_the_installed_package_and_runs_in_the_installed_server(build_folder, monkeypatch):
+    run("cmake", "--install", REPOSITORY / "build", "--prefix", build_folder / "prefix")
+    assert cli.main(["new", "termination", "mine", "--folder", str(build_folder / "mine")]) == 0
+    programs = build_folder / "prefix" / "bin"
     (programs / "fci-sim").symlink_to(program("fci-sim"))
     monkeypatch.setenv("FRANKAPY_PROGRAMS", str(programs))
     package = package_folder()
-    assert package.is_relative_to(tmp_path / "prefix")
-    built = build(tmp_path / "mine", package)
-    for line in (tmp_path / "mine" / "build" / "CMakeCache.txt").read_text().splitlines():
+    assert package.is_relative_to(build_folder / "prefix")
+    built = build(build_folder / "mine", package)
+    for line in (build_folder / "mine" / "build" / "CMakeCache.txt").read_text().splitlines():
         assert not line.startswith("franka-interface_DIR") or str(package) in line
     with Simulation(SimulatedArm(), load=[built / "libmine.so"]) as simulation:
         assert str(programs) in os.readlink(f"/proc/{simulation.processes[-1]}/exe")
