@@ -120,16 +120,21 @@ def test_force_ends_the_skill_at_the_table(start):
     arm = start(scene="table_with_block")
     with arm.client() as fa:
         fa.run(MinJerkJoint(HOME, 1))
-        down = RelativeMinJerkPose([0.1, -0.2, -0.6], frame="base", duration=80)  # gently
+        above = fa.get_pose()
+        above.translation = above.translation + [0.1, -0.2, 0]
+        above.translation[2] = 0.06
+        fa.goto_pose(above, 3)
+        near = fa.get_joints()
+        down = RelativeMinJerkPose([0, 0, -0.15], frame="base", duration=20)  # gently
         for until, kind in [
             (ForceAbove(8, axis="z"), "ForceAbove"),
             (ForceAbove(8, relative=True), "ForceAbove"),
             (Contact(force_thresholds=[10] * 6), "Contact"),
         ]:
-            fa.run(MinJerkJoint(HOME, 2))
-            result = ending(fa, [until, Time(90)], down)
+            fa.run(MinJerkJoint(near, 1))
+            result = ending(fa, [until, Time(30)], down)
             assert result.termination == kind, result
-            assert 1 < result.time < 80
+            assert 1 < result.time < 20
             assert arm.simulation.truth().O_T_TCP[2, 3] < 0.03
 
 
