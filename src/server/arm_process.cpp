@@ -163,9 +163,12 @@ class ArmProcess {
     const ArmOptions::Watchdogs& most = options_.watchdogs;
     if (transport_alive_.silence(transport_.rounds(), true, now) > most.transport) hang("transport", part_record().in_loop);
     // Each a sign of its own: a publisher that has trouble is no loop that hangs.
-    const auto loop = loop_alive_.silence(door_.records.written(), looping_, now);
-    const auto for_states = most.loop + (config_.lockstep ? kMorePatience : std::chrono::milliseconds());
-    if (loop > (part_record().in_loop != 0 ? most.part : for_states)) hang("1 kHz loop", part_record().in_builder);
+    const std::uint64_t cycles = door_.records.written();
+    if (loop_alive_.silence(cycles, looping_, now) > most.loop + (config_.lockstep ? kMorePatience : 0ms) ||
+        // Of a step only what passes in it: the robot may have been silent before.
+        step_alive_.silence(cycles, looping_ && part_record().in_loop != 0, now) > most.part) {
+      hang("1 kHz loop", part_record().in_builder);
+    }
     const Workbench& bench = transport_.workbench();
     const std::uint64_t finished = bench.finished();
     const auto builder = builder_alive_.silence(finished, bench.begun() != finished && part_record().in_builder != 0, now);
@@ -301,7 +304,7 @@ class ArmProcess {
   std::atomic<bool> quit_{false}, transport_quit_{false}, looping_{false};
 
   WakefulClock clock_{2 * kHeartbeat};
-  SignOfLife transport_alive_, loop_alive_, builder_alive_;  // by it
+  SignOfLife transport_alive_, loop_alive_, step_alive_, builder_alive_;  // by it
 };
 
 }  // namespace

@@ -25,11 +25,13 @@ void PartRecord::clear() { in_loop = in_builder = 0; }
 
 std::string PartRecord::where() const {
   std::string text;
-  for (const std::uint32_t number : {in_loop.load(), in_builder.load()}) {
-    if (number == 0 || number > names_.size()) continue;
+  const auto add = [&](std::uint32_t number, const char* how) {
+    if (number == 0 || number > names_.size()) return;
     const auto& name = names_[number - 1];
-    text += (text.empty() ? " in the " : " or the ") + std::string(name.data(), strnlen(name.data(), name.size()));
-  }
+    text += (text.empty() ? " in the " : " or the ") + std::string(name.data(), strnlen(name.data(), name.size())) + how;
+  };
+  add(in_loop, "");
+  add(in_builder, " as it was made or looked at");
   return text;
 }
 
