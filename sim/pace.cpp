@@ -8,6 +8,9 @@ namespace {
 
 constexpr std::int64_t kCycle = 1'000'000;  // ns
 constexpr std::int64_t kMakeUp = 4;         // cycles that make up for one
+// ns by which what is usual grows in a cycle that takes longer, and becomes less in another: so one in twenty takes longer.
+constexpr std::int64_t kLonger = 950, kShorter = 50;
+constexpr std::int64_t kMostSteady = 20;    // part of a period that is waited for at most, as another arm may have use for it
 constexpr std::int64_t kMostBehind = 100;   // cycles; a computer that is too slow never makes up for them
 
 }  // namespace
@@ -29,6 +32,14 @@ bool Pace::wait() {
 
 void Pace::wait_until(std::int64_t time) {
   if (time < next()) clock_.sleep_until(time);
+}
+
+void Pace::steady() {
+  const std::int64_t took = clock_.now() - deadline_;
+  if (took > tolerance_) return;
+  usual_ = std::clamp<std::int64_t>(usual_ + (took > usual_ ? kLonger : -kShorter), 0, period_ / kMostSteady);
+  while (clock_.now() < deadline_ + usual_) {  // less than a thread can sleep
+  }
 }
 
 void Pace::done() {

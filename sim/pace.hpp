@@ -16,6 +16,9 @@ class Pace {
   bool wait();
   // Sleeps until a time before that, if it is one.
   void wait_until(std::int64_t time);
+  // Waits for the few µs until states are sent as late after the beginning of their cycle as most: what a cycle takes differs
+  // from one to the next, and when a robot's states come does not.
+  void steady();
   // The cycle is done, its state sent.
   void done();
   // The cycle began when its command came, not at a time.
@@ -38,6 +41,7 @@ class Pace {
   const std::int64_t tolerance_;  // ns after its deadline from which a cycle counts as late: 0.2 ms
   std::int64_t deadline_, done_;
   std::int64_t behind_ = 0;  // ns, to be made up for
+  std::int64_t usual_ = 0;   // ns from the deadline until states are sent
   std::uint64_t late_ = 0;
   std::int64_t worst_ = 0;
 };
