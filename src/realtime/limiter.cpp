@@ -217,6 +217,7 @@ struct Limiter::Impl : Motion {
   models::Limits asked;  // of what is followed
   bool reduced = false;  // they are less
   Vector7 fastest = Vector7::Constant(std::numeric_limits<double>::infinity());  // likewise, rad/s
+  bool bounded = false;  // it is finite
 
   Channels motion = Channels::kJoint;
   Reference last;  // output
@@ -316,25 +317,27 @@ struct Limiter::Impl : Motion {
     return can_stop(i, q, step.velocity, step.acceleration);
   }
 
+  bool restrained() const { return reduced || bounded; }
+
   // Nothing else keeps what is reduced, and at kLeastShare more a goal that is faster is followed.
-  double plan_share() const { return reduced ? kPlanShare / (1 + kLeastShare) : kPlanShare; }
+  double plan_share() const { return restrained() ? kPlanShare / (1 + kLeastShare) : kPlanShare; }
 
   // In following; most where such an acceleration must be given back before the velocity has changed by `room`.
   double follow_jerk(int i, double acceleration, double room) const {
-    const double gentle = std::min(kGentleJerk * limits.dddq_max[i], most_jerk(i));
-    return reduced ? std::clamp(giving_back(acceleration, room), gentle, most_jerk(i)) : gentle;
+    return restrained() ? std::clamp(giving_back(acceleration, room), gentle_jerk(i), most_jerk(i)) : gentle_jerk(i);
   }
+  double gentle_jerk(int i) const { return std::min(kGentleJerk * limits.dddq_max[i], most_jerk(i)); }
   double most_jerk(int i) const { return std::min(kHardJerk * limits.dddq_max[i], kPlanShare * asked.dddq_max[i]); }
   static double giving_back(double acceleration, double room) { return acceleration * acceleration / (2 * std::max(room, 1e-9)); }
 
   // The velocity that a joint comes to while it gives its acceleration back.
   double velocity_to_come(int i, double velocity, double acceleration) const {
-    return velocity + acceleration * std::abs(acceleration) / (2 * most_jerk(i));
+    return velocity + acceleration * std::abs(acceleration) / (2 * (restrained() ? most_jerk(i) : gentle_jerk(i)));
   }
 
   // That step, and what must come of it, are inside what may be asked for.
   bool may_be_asked(int i, const Step& step, double dt) const {
-    if (!reduced) return true;
+    if (!restrained()) return true;
     const double v = step.delta / dt;
     const double a = (v - joints[i].v) / dt;
     const double j = (a - joints[i].a) / dt;
@@ -400,7 +403,7 @@ struct Limiter::Impl : Motion {
       const double q = std::clamp(wanted.q[i], limits.q_min[i], limits.q_max[i]);
       const bool inside = q == wanted.q[i];
       velocity[i] = inside ? std::clamp(wanted.dq[i], -V, V) : 0;
-      const bool too_fast = reduced && std::abs(wanted.dq[i]) > V;
+      const bool too_fast = restrained() && std::abs(wanted.dq[i]) > V;
       acceleration[i] = inside && !too_fast ? std::clamp(wanted.ddq[i], -A, A) : 0;
       // Where `wanted` was at the last output, if it moved as it says.
       const double before = q - dt * (velocity[i] - dt * acceleration[i] / 2);
@@ -859,7 +862,10 @@ void Limiter::reduce(const models::Limits& asked) noexcept {
                 same(asked.translation, m.limits.translation) && same(asked.rotation, m.limits.rotation));
 }
 
-void Limiter::bound(const Vector7& dq) noexcept { impl_->fastest = dq; }
+void Limiter::bound(const Vector7& dq) noexcept {
+  impl_->fastest = dq;
+  impl_->bounded = dq.array().isFinite().any();
+}
 
 Vector7 Limiter::joint_velocity_to_come() const noexcept {
   Vector7 dq;

@@ -22,8 +22,10 @@ constexpr std::size_t kDoorRoom = 4;            // results and skills that one m
 // Finishing a motion while the arm moves is a reflex; under torque control it may still swing when the reference rests.
 constexpr std::uint64_t kSettlingTime = 1000;  // ms after which it is damped until it rests
 
-// Torque that brings an arm to rest whose controller has failed, or does not hold it: damping, N m s/rad.
+// Torque that brings an arm to rest whose controller has failed, or does not hold it: damping, N m s/rad. What then still drifts
+// has a load that the robot does not know, and is caught by a spring, N m/rad.
 const Vector7 kFaultDamping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
+const Vector7 kFaultStiffness = 5 * kFaultDamping;
 
 // rad that an arm is away from its reference: from where on its path goes slower, and where it waits. Soft controllers lag and
 // are loaded.
@@ -397,7 +399,10 @@ void Loop::compute_torque() noexcept {
       faulty_ = watch_.at_fault(PartWatch::kController);
       if (faulty_ && skill_ != nullptr) stop_running(Ending::kComponentFault);
     }
-    if (faulty_ || lets_go) tau = model_.coriolis() + held_ - kFaultDamping.cwiseProduct(cycle_.dq);
+    if (!leaving_ || !(releases_ || overdue())) caught_ = cycle_.q;
+    if (faulty_ || lets_go) {
+      tau = model_.coriolis() + held_ + kFaultStiffness.cwiseProduct(caught_ - cycle_.q) - kFaultDamping.cwiseProduct(cycle_.dq);
+    }
     const bool led = !lets_go && !faulty_ && holder_->controller->leads();
     held_by_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? gate_.away(cycle_) : 0, tau_J_d_);
   }
@@ -835,7 +840,8 @@ bool Loop::would_leap() const noexcept {
     return false;
   }
   const Vector7 felt = vector(state_.tau_ext_hat_filtered);  // what it is held by now
-  return torque_gate_.share(felt.allFinite() ? Vector7(pull - felt) : pull) > kLeap;
+  const auto leaps = [&](const Vector7& tau) { return torque_gate_.share(tau) > kLeap; };
+  return leaps(pull) && (!felt.allFinite() || leaps(pull - felt));
 }
 
 // A motion of torques alone, which hold the arm where it is and damp it; when it is finished the robot holds the arm there.
@@ -844,6 +850,7 @@ void Loop::let_go() noexcept {
   gate_.reset(reference_);
   if (const Vector7 felt = vector(state_.tau_ext_hat_filtered); felt.allFinite()) held_ = felt;
   skill_time_ = 0;
+  caught_ = cycle_.q;
   faulty_ = leaving_ = true;  // no controller is asked
   phase_ = Phase::kBraking;
   set_deadline(kSettlingTime);

@@ -165,6 +165,7 @@ class Loop {
   HeldBy skill_held_by_ = HeldBy::kNothing;  // since the running skill began
   Vector7 tau_J_d_ = Vector7::Zero();
   Vector7 held_ = Vector7::Zero();  // N m, by which an arm is held whose controller is not asked
+  Vector7 caught_ = Vector7::Zero();  // rad, where it is held
   MinJerk<7> left_over_;   // torque by which the controller would have stepped when it began, on its way to zero
   double fade_time_ = 1;   // s that it has been on it
   fci::RobotCommand command_;

@@ -32,6 +32,15 @@ bool beside(const Reference& a, const Reference& b) {
 
 }  // namespace
 
+MotionGate::MotionGate(const models::Limits& limits, Model& model)
+    : model_(model),
+      bounds_(limits),
+      robots_tool_speed_(limits.translation.velocity),
+      limiter_(limits),
+      pose_joints_(model, limits) {
+  keep_to(bounds_);
+}
+
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
   walled_ = slowed_ = false;
@@ -40,6 +49,7 @@ void MotionGate::reset(const Reference& from) noexcept {
 
 void MotionGate::keep_to(const Bounds& bounds) noexcept {
   bounds_ = bounds;
+  bounds_.tool_speed = std::min(bounds.tool_speed, robots_tool_speed_);
   limiter_.reduce(bounds.limits);
 }
 
@@ -91,7 +101,7 @@ double MotionGate::power(const Reference& reference) const noexcept {
 
 // `fastest`: of the tool, that is not yet too fast, m/s.
 HeldBy MotionGate::beyond_bounds(const Reference& reference, double fastest) const noexcept {
-  return when(std::isfinite(bounds_.tool_speed) && tool_speed() > fastest, HeldBy::kToolSpeed) |
+  return when(tool_speed() > fastest, HeldBy::kToolSpeed) |
          when(std::isfinite(bounds_.power) && power(reference) > kPowerShare * bounds_.power, HeldBy::kPower);
 }
 
@@ -109,7 +119,7 @@ void MotionGate::share_tool_speed(const Reference& wanted) noexcept {
 // One step, and what held it back. One that would be beyond the bounds is made by joints that are slowed; where that does not do,
 // all are braked.
 HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference) noexcept {
-  const double before = std::isfinite(bounds_.tool_speed) ? tool_speed() + kNoFaster : 0;
+  const double before = tool_speed() + kNoFaster;
   const double fastest = kBoundShare * bounds_.tool_speed;
   share_tool_speed(wanted);
   bool limited = limiter_.follow(wanted, kTick, reference);

@@ -21,12 +21,11 @@ namespace realtime {
 // the reference means. Those of a pose are the robot's own where it makes them (q_d); else they follow the pose here, by
 // differential inverse kinematics from where the arm was, and are also what the null space of a controller is held to.
 // A reference is kept inside the limits of the arm, on a way from which the arm can come to rest before it meets itself or a wall,
-// and inside the bounds of what may be asked for: where joints would together move the tool too fast, each gets its share of
-// that speed, by how far it has to go.
+// and inside the bounds of what may be asked for. Where joints would together move the tool faster than these or the robot allow,
+// each gets its share of that speed, by how far it has to go.
 class MotionGate {
  public:
-  MotionGate(const models::Limits& limits, Model& model)
-      : model_(model), bounds_(limits), limiter_(limits), pose_joints_(model, limits) {}
+  MotionGate(const models::Limits& limits, Model& model);
 
   // From now on.
   void keep_to(const Bounds& bounds) noexcept;
@@ -72,6 +71,7 @@ class MotionGate {
 
   Model& model_;
   Bounds bounds_;
+  double robots_tool_speed_;  // m/s, that it allows
   Limiter limiter_;
   WallGuard walls_;
   SelfGuard self_;

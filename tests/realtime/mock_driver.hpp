@@ -45,6 +45,7 @@ class MockRobot : public robot::Driver {
   std::uint64_t leap = 0;  // ms that its clock shows more from the next state on, though no time has passed
   int lose = 0;  // of the next commands
   Vector7 yields = Vector7::Zero();  // rad that the arm is away from q_d while the robot's own law holds it, until torques do
+  Vector7 load = Vector7::Zero();  // N m that pull at the arm under torque, unknown to the robot
   bool locked = false;             // something holds the arm, whatever the torque
   std::optional<Eigen::Matrix4d> stale_pose;  // O_T_EE_c while no motion runs, and in its first state
 
@@ -289,7 +290,7 @@ class MockRobot : public robot::Driver {
       model_.update(q_, dq_);
       realtime::Matrix7 M = model_.mass();
       M.diagonal().array() += kRotors;
-      dq_ += kDt * M.llt().solve(tau_ - model_.coriolis());
+      dq_ += kDt * M.llt().solve(tau_ + load - model_.coriolis());
       if (locked) dq_.setZero();
       fastest = std::max(fastest, dq_.cwiseAbs().maxCoeff());
       q_ += kDt * dq_;

@@ -191,6 +191,28 @@ TEST_F(GateTest, joints_do_not_move_the_tool_faster_than_may_be) {
   }
 }
 
+// The FER's joints move an arm that reaches out at more than 1.7 m/s, which is what the robot allows.
+TEST(FerGateTest, joints_do_not_move_the_tool_faster_than_the_robot_allows) {
+  SimulatedArm arm{"fer"};
+  const models::Limits& limits = models::limits(models::arm("fer"), 5);
+  MotionGate gate(limits, arm.model);
+  Vector7 goal = (Vector7() << -2.5, 1.2, 0, -0.6, 0, 1.8, 0).finished();
+  Reference reference = joints(goal);
+  gate.reset(reference);
+  goal = (Vector7() << 2.5, 1.6, 0, -0.1, 0, 1.8, 0).finished();
+  double fastest = 0;
+  for (int cycle = 0; cycle < 20000 && (reference.joint.q - goal).norm() > 1e-6; ++cycle) {
+    const Vector7 before = reference.joint.q;
+    arm.model.update(reference.joint.q, reference.joint.dq);
+    gate.observe(reference, nullptr);
+    gate.follow(joints(goal), reference);
+    fastest = std::max(fastest, tool_speed(arm.model, before, reference.joint.q));
+  }
+  EXPECT_LT((reference.joint.q - goal).norm(), 1e-6);
+  EXPECT_LE(fastest, limits.translation.velocity);
+  EXPECT_GT(fastest, 0.8 * limits.translation.velocity);
+}
+
 TEST_F(GateTest, a_goal_is_reached_at_the_speed_that_the_tool_may_have) {
   Bounds bounds(kLimits);
   bounds.tool_speed = bounds.limits.translation.velocity = 0.2;

@@ -1383,6 +1383,43 @@ TEST_F(LoopTest, AnArmThatIsBeingLetGoTakesAnotherSkillAndStops) {
   EXPECT_EQ(results[4].ending, Ending::kTerminated);
 }
 
+TEST_F(LoopTest, AnArmThatAnUnknownLoadPullsAtRestsWhenItIsLetGo) {
+  give_internal(0.01, 0.1, stiffness(70));
+  ASSERT_TRUE(until(Phase::kIdle, 5000));
+  robot.yields = 0.05 * Vector7::Unit(3);
+  robot.load = 4 * Vector7::Unit(6);
+  ASSERT_TRUE(cycle());
+  const Vector7 q = robot.q() + robot.yields;
+  give_internal(0.01, 0.1, stiffness(3000));
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+  EXPECT_GT((robot.q() - q).norm(), 0.1) << "it moved";
+  EXPECT_LT((robot.q() - q).norm(), 0.3);
+  EXPECT_FALSE(robot.finished_while_moving);
+}
+
+TEST_F(LoopTest, AWrongEstimateIsNoReasonToLetGoAnArmThatIsWhereItShouldBe) {
+  give_internal(0.01, 0.1, stiffness(70));
+  ASSERT_TRUE(until(Phase::kIdle, 5000));
+  robot.state.tau_ext_hat_filtered[3] = -60;
+  ASSERT_TRUE(cycle());
+  give_internal(0.01, 0.1, stiffness(3000));
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+  EXPECT_EQ(posted(fci::Command::kMove), 2);
+}
+
+TEST_F(LoopTest, AnArmThatAnUnknownLoadPullsAtRestsAfterAFault) {
+  robot.load = 6 * Vector7::Unit(3);
+  auto controller = std::make_unique<BrokenController>(gains());
+  controller->from = 0.1;
+  give(by(0.01, 0.3), std::move(controller));
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[0].ending, Ending::kComponentFault);
+  ASSERT_TRUE(until(Phase::kIdle, 5000));
+  EXPECT_FALSE(robot.finished_while_moving);
+}
+
 TEST_F(LoopTest, AnArmThatALoadHoldsAwayFromItsReferenceIsNotLetGo) {
   give_internal(0.01, 0.1, stiffness(1000));
   ASSERT_TRUE(until(Phase::kIdle, 5000));
