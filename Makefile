@@ -21,6 +21,9 @@ export CCACHE_SLOPPINESS := pch_defines,time_macros
 # Where tests leave what came of them, in files that others read too.
 JUNIT := $(CURDIR)/$(BUILD)/junit
 
+# Two makes at once in one tree would take each other's files away: a line that begins so has the lock of the folder until its end.
+ALONE = exec 9< . && { flock -n 9 || { echo "Another make is at work here: waiting for it." >&2; flock 9; }; }
+
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 .PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly types wall wall-20 bench bench-programs \
@@ -30,15 +33,15 @@ help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## install what is missing: system packages, .venv, frankapy in it
-	@if test -e $(VENV) && ! { test -e $(VENV)/.frankapy && ! $(CONTENTS) | LC_ALL=C comm -13 - $(VENV)/.frankapy | grep -m 1 .; }; then \
+	@$(ALONE); if test -e $(VENV) && ! { test -e $(VENV)/.frankapy && ! $(CONTENTS) | LC_ALL=C comm -13 - $(VENV)/.frankapy | grep -m 1 .; }; then \
 	  echo "$(VENV) is not whole: it is made anew."; rm -f $(VENV)/.installed; fi
 	@$(MAKE) --no-print-directory $(VENV)/.frankapy
 
 build: $(BUILD)/build.ninja ## configure and compile programs and tests
-	cmake --build $(BUILD) -j $(JOBS) -- -k 0
+	@$(ALONE); cmake --build $(BUILD) -j $(JOBS) -- -k 0
 
 programs: $(BUILD)/build.ninja
-	cmake --build $(BUILD) -j $(JOBS) --target franka-interface fci-sim fci-render client wire_proto
+	@$(ALONE); cmake --build $(BUILD) -j $(JOBS) --target franka-interface fci-sim fci-render client wire_proto
 
 demo: programs $(VENV)/.frankapy ## watch a Python script move a simulated arm
 	$(VENV)/bin/python examples/demo.py
@@ -77,7 +80,7 @@ wall-20: build $(VENV)/.frankapy
 	  $(PYTEST:pytest.xml=pytest-$$i.xml) -m wall || failed=1; done; exit $$failed
 
 bench-programs: build
-	cmake --build $(BUILD) -j $(JOBS) --target bench/all
+	@$(ALONE); cmake --build $(BUILD) -j $(JOBS) --target bench/all
 
 bench: bench-programs $(VENV)/.frankapy ## measure, and write build/bench.json
 	$(VENV)/bin/python bench/run.py
@@ -128,20 +131,20 @@ CONTENTS = { $(VENV)/bin/python -c 'import sys; print(sys.version_info[:2])'; \
   find $(VENV)/bin $(VENV)/lib -type f ! -name '*.pyc' -printf '%s %p\n'; } 2> /dev/null | LC_ALL=C sort
 
 $(VENV)/.installed: requirements.lock requirements-meshes.lock | packages
-	@test -d $(VENV) || rm -f $(VENV)
-	$(PYTHON) -m venv --clear $(VENV)
-	@echo "Installing requirements.lock in $(VENV)"
-	@$(VENV)/bin/python -m pip install --disable-pip-version-check --no-compile --no-deps --require-hashes \
+	@$(ALONE); test $@ -nt requirements.lock && test $@ -nt requirements-meshes.lock && exit; \
+	test -d $(VENV) || rm -f $(VENV); \
+	echo "Installing requirements.lock in $(VENV)"; \
+	$(PYTHON) -m venv --clear $(VENV) && $(VENV)/bin/python -m pip install --disable-pip-version-check --no-compile --no-deps --require-hashes \
 	  -r requirements.lock -r requirements-meshes.lock || { echo "Not installed in $(VENV): what pip names above, and all after \
-	it. Where it found \"versions: none\" it reached no package index: let there be a network, then do the same again." >&2; false; }
-	@touch $@
+	it. Where it found \"versions: none\" it reached no package index: let there be a network, then do the same again." >&2; false; } \
+	&& touch $@
 
 $(VENV)/.frankapy: $(VENV)/.installed python/pyproject.toml
-	$(VENV)/bin/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation --quiet -e python
-	@$(CONTENTS) > $@
+	@$(ALONE); test $@ -nt $< && test $@ -nt python/pyproject.toml && exit; \
+	$(VENV)/bin/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation --quiet -e python && $(CONTENTS) > $@
 
 $(BUILD)/build.ninja: $(VENV)/.installed
-	cmake -S . -B $(BUILD) -G Ninja
+	@$(ALONE); cmake -S . -B $(BUILD) -G Ninja
 
 $(BUILD)/%/build.ninja: $(VENV)/.installed
 	cmake -S . -B $(@D) -G Ninja -DSANITIZE=$(SANITIZE_$*)

@@ -31,7 +31,9 @@ TEST(Pace, ItsOwnLatenessIsNotChargedToTheClient) {
     for (int i = 0; i < 500; ++i) {
       client.drive(1, [&](int) { return hold; });
       ASSERT_EQ(client.state.message_id, ++before) << "after " << stall << " ms";
-      if (i > 0) EXPECT_GE(arm.now() - sent, 3 * kMillisecond / 4) << "no burst makes up for it";
+      if (i > 0) {
+        EXPECT_GE(arm.now() - sent, 3 * kMillisecond / 4) << "no burst makes up for it";
+      }
       sent = arm.now();
     }
     EXPECT_EQ(client.state.robot_mode, RobotMode::kMove);
