@@ -80,8 +80,8 @@ def ratio(rows: list[proto.ArmState], limits: wire_limits.Limits) -> float:
     walled = next(k for k, state in enumerate(rows) if state.held_by & proto.WALL)
     speeds = np.linalg.norm(dq, axis=1)
     even = np.median(speeds[walled - 50 : walled - 10])
-    slows = int(np.flatnonzero(speeds[:walled] >= (1 - SLOWER) * even)[-1])
-    stands = slows + int(np.flatnonzero(nearing[slows:] <= REST)[0])
+    stands = walled + int(np.flatnonzero(nearing[walled:] <= REST)[0])
+    slows = int(np.flatnonzero(speeds[:stands] >= (1 - SLOWER) * even)[-1])
     speed = float(np.linalg.norm(tool(q[slows + 1]) - tool(q[slows])) / dt[slows])
     if abs(speed - SPEED) > 0.1 * SPEED:
         raise ValueError(f"the tool goes at {speed:.3f} m/s where it slows: expected {SPEED}")

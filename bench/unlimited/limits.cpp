@@ -30,7 +30,7 @@ bool Limiter::follow(const Reference& wanted, double, Reference& out) noexcept {
 }
 
 void Limiter::take_back() noexcept {}
-std::size_t Limiter::way_to_rest(std::span<Vector7> joints) noexcept { return joints[0] = impl_->last.joint.q, 1; }
+std::size_t Limiter::way_to_rest(std::span<Vector7> joints, bool) noexcept { return joints[0] = impl_->last.joint.q, 1; }
 std::size_t Limiter::way_to_rest(std::span<Vector6> pose) const noexcept { return pose[0].setZero(), 1; }
 
 bool Limiter::brake(double, Reference& out, bool) noexcept {

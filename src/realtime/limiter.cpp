@@ -364,7 +364,7 @@ struct Limiter::Impl : Motion {
     joint.acceleration = step.acceleration;
   }
 
-  bool plan_brake(bool soon = false) noexcept {
+  bool plan_brake(bool soon) noexcept {
     for (int i = 0; i < kJoints; ++i) {
       joint_brake.in.max_jerk[i] = (soon ? kSoonJerk : kGentleJerk) * limits.dddq_max[i];
       joint_brake.in.current_velocity[i] = joints[i].velocity;
@@ -972,12 +972,12 @@ bool Limiter::brake(double dt, Reference& out, bool soon) noexcept {
 
 void Limiter::take_back() noexcept { static_cast<Motion&>(*impl_) = impl_->before; }
 
-std::size_t Limiter::way_to_rest(std::span<Vector7> out) noexcept {
+std::size_t Limiter::way_to_rest(std::span<Vector7> out, bool soon) noexcept {
   Impl& m = *impl_;
   Vector7 q;
   for (int i = 0; i < kJoints; ++i) q[i] = m.joints[i].q;
   out[0] = q;
-  if (!m.plan_brake()) return 1;
+  if (!m.plan_brake(soon)) return 1;
   std::array<double, kJoints> p, v, a;
   const double duration = m.joint_brake.trajectory.get_duration();
   m.joint_brake.trajectory.at_time(duration, p, v, a);

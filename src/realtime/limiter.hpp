@@ -62,7 +62,7 @@ class Limiter {
 
   // The way that brake() would make from the last output on: places on it, the last one where it would rest. The first so many
   // of `out` are set: joints, or how far away from the last output in m and rad, axes of O.
-  std::size_t way_to_rest(std::span<Vector7> joints) noexcept;
+  std::size_t way_to_rest(std::span<Vector7> joints, bool soon) noexcept;
   std::size_t way_to_rest(std::span<Vector6> pose) const noexcept;
 
   // The cycle went without a command: the robot extrapolates with constant acceleration, and so does

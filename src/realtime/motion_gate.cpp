@@ -43,7 +43,7 @@ MotionGate::MotionGate(const models::Limits& limits, Model& model)
 
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
-  walled_ = slowed_ = false;
+  walled_ = slowed_ = soon_ = false;
   limiter_.reset(from);
 }
 
@@ -162,35 +162,40 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   HeldBy held = keep_to_bounds(wanted, reference);
   const ArmCapsules* const arm = walls_.arm();
   if (arm == nullptr) return held;
-  look_to_rest(reference);
-  if (!self_.clear(*arm, joints_.q, way_to_rest())) {
-    limiter_.take_back();
-    limiter_.brake(kTick, reference);
-    return held | HeldBy::kItself;
-  }
-  if (!walls_.active()) return held;
-  const bool clear = walls_.clear(joints_.q, way_to_rest(), WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
-  if (!clear) {
-    const Reference aside = past_walls(wanted);
-    limiter_.take_back();
-    bool along = !beside(aside, before_);
-    if (along) {
-      limiter_.follow(aside, kTick, reference);
-      look_to_rest(reference);
-      along = walls_.clear(joints_.q, way_to_rest(), WallGuard::kClearance) && self_.clear(*arm, joints_.q, way_to_rest()) &&
-              beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing;
-      if (!along) limiter_.take_back();
+  const HeldBy met = meets(*arm, reference, WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
+  held |= met;
+  walled_ = met == HeldBy::kWall;
+  if (met == HeldBy::kNothing) return held;
+  limiter_.take_back();
+  const Reference aside = walled_ ? past_walls(wanted) : before_;
+  if (!beside(aside, before_)) {
+    limiter_.follow(aside, kTick, reference);
+    if (meets(*arm, reference, WallGuard::kClearance) == HeldBy::kNothing &&
+        beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing) {
+      return held;
     }
-    if (!along) limiter_.brake(kTick, reference);
-    held |= HeldBy::kWall;
+    limiter_.take_back();
   }
-  walled_ = !clear;
+  soon_ = true;
+  limiter_.brake(kTick, reference, soon_);
   return held;
+}
+
+// What is in the way to rest: gently, and where that does not do as soon as may be. How soon a pose rests is known roughly only.
+HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept {
+  const auto look = [&](bool soon) {
+    soon_ = soon;
+    look_to_rest(reference);
+    if (!self_.clear(arm, joints_.q, way_to_rest())) return HeldBy::kItself;
+    return when(walls_.active() && !walls_.clear(joints_.q, way_to_rest(), clearance), HeldBy::kWall);
+  };
+  const HeldBy met = look(false);
+  return met == HeldBy::kNothing || reference.motion == Channels::kPose ? met : look(true);
 }
 
 bool MotionGate::brake(Reference& reference, bool soon) noexcept {
   before_ = reference;
-  return limiter_.brake(kTick, reference, soon);
+  return limiter_.brake(kTick, reference, soon || soon_);
 }
 
 // The reference itself is a place of its own: between two others the way bends by little, but it would be left in every cycle anew.
@@ -198,7 +203,7 @@ void MotionGate::look_to_rest(const Reference& reference) noexcept {
   if (reference.motion == Channels::kJoint) {
     joints_.q = before_.joint.q;
     way_[0] = reference.joint.q;
-    places_ = 1 + limiter_.way_to_rest(std::span(way_).subspan(1));
+    places_ = 1 + limiter_.way_to_rest(std::span(way_).subspan(1), soon_);
   } else {
     std::array<Vector6, WallGuard::kMostOnWay - 1> poses;
     places_ = 1 + limiter_.way_to_rest(std::span(poses));

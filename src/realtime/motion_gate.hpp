@@ -65,6 +65,7 @@ class MotionGate {
   double power(const Reference& reference) const noexcept;
   void share_tool_speed(const Reference& wanted) noexcept;
   bool elbow_is_clear(const Vector7& q) noexcept;
+  HeldBy meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept;
   void look_to_rest(const Reference& reference) noexcept;
   std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
   Reference past_walls(const Reference& wanted) const noexcept;
@@ -81,6 +82,7 @@ class MotionGate {
   JointsOfPose joints_;
   Reference before_;
   bool walled_ = false;  // in the step before
+  bool soon_ = false;    // it comes to rest before what is in the way only if it brakes soon
   bool slowed_ = false;  // joints, since the tool would have been too fast, until they have caught up
 };
 
