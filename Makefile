@@ -107,7 +107,7 @@ fuzz-gate: SEED = 1
 fuzz-gate: fuzz-30
 
 fuzz-%: $(BUILD)/asan/build.ninja
-	cmake --build $(BUILD)/asan -j $(JOBS) --target $(FUZZERS)
+	@$(ALONE); cmake --build $(BUILD)/asan -j $(JOBS) --target $(FUZZERS)
 	printf '%s\n' $(FUZZERS) | xargs -P $(words $(FUZZERS)) -I @ sh -c '$(BUILD)/asan/bin/@ tests/fuzz/corpus/@ $* $(SEED)'
 
 sanitize: asan-all tsan-all ## run the C++ tests under address, undefined and thread sanitizer
@@ -147,7 +147,7 @@ $(BUILD)/build.ninja: $(VENV)/.installed
 	@$(ALONE); cmake -S . -B $(BUILD) -G Ninja
 
 $(BUILD)/%/build.ninja: $(VENV)/.installed
-	cmake -S . -B $(@D) -G Ninja -DSANITIZE=$(SANITIZE_$*)
+	@$(ALONE); cmake -S . -B $(@D) -G Ninja -DSANITIZE=$(SANITIZE_$*)
 
 SANITIZE_asan := address,undefined
 SANITIZE_tsan := thread
@@ -168,7 +168,7 @@ asan asan-all tsan tsan-all: FOLDER = $(BUILD)/$(@:-all=)
 asan asan-all: $(BUILD)/asan/build.ninja
 tsan tsan-all: $(BUILD)/tsan/build.ninja
 asan asan-all tsan tsan-all:
-	cmake --build $(FOLDER) -j $(JOBS) --target $(addsuffix _test,$(ROOMS_$@))
+	@$(ALONE); cmake --build $(FOLDER) -j $(JOBS) --target $(addsuffix _test,$(ROOMS_$@))
 	TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" $(FIXED_ADDRESSES) ctest --test-dir $(FOLDER) -j $(JOBS) \
 	  -L '^($(subst $() ,|,$(ROOMS_$@)))$$' -LE '$(if $(findstring all,$@),^$$,wall|nightly)' -E '$(or $(LONG_$@),^$$)' \
 	  --output-on-failure --output-junit $(JUNIT)/ctest.xml $(if $(AGAIN),--rerun-failed)

@@ -70,21 +70,18 @@ void Cell::run_cycle() {
     ++cycle_;
     if (steps_ > 0) --steps_;
   }
-  // A motion that waits has its client wait as well.
-  const auto waits = [&](const Station& station) {
-    return !goes_on && time_ == Time::kPaused && station.robot.state().robot_mode == fci::RobotMode::kMove;
-  };
   for (std::size_t i = 0; i < stations_.size(); ++i) {
     Station& station = *stations_[i];
+    station.waits = !goes_on && time_ == Time::kPaused && station.robot.state().robot_mode == fci::RobotMode::kMove;
     if (goes_on) {
       station.robot.sense(world_.truth(i));
-    } else if (!waits(station)) {
+    } else if (!station.waits) {
       station.robot.stand_still();
     }
   }
   if (!lockstep_) pace_.steady();
   for (const auto& station : stations_) {
-    waits(*station) ? station->robot_server.repeat() : station->robot_server.publish(lockstep_ ? 0 : pace_.period());
+    station->waits ? station->robot_server.repeat() : station->robot_server.publish(lockstep_ ? 0 : pace_.period());
     station->gripper_server.publish();
   }
   if (goes_on) world_.settle();  // while the clients have their state already

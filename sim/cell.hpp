@@ -90,6 +90,7 @@ class Cell {
     GripperServer gripper_server;
     std::optional<TruthFile> truth;
     const fci::RobotCommand* command = nullptr;  // of this cycle
+    bool waits = false;  // in it: a motion that is paused has its client wait as well
   };
   struct Moment {
     std::shared_ptr<const World::Moment> world;
