@@ -19,10 +19,11 @@ class Cholesky {
       double d = A(j, j);
       for (int k = 0; k < j; ++k) d -= L_(j, k) * L_(j, k);
       L_(j, j) = std::sqrt(d);
+      over_[j] = 1 / L_(j, j);
       for (int i = j + 1; i < N; ++i) {
         double s = A(i, j);
         for (int k = 0; k < j; ++k) s -= L_(i, k) * L_(j, k);
-        L_(i, j) = s / L_(j, j);
+        L_(i, j) = s * over_[j];
       }
     }
   }
@@ -35,7 +36,7 @@ class Cholesky {
     for (int i = 0; i < N; ++i) {
       double s = b[i];
       for (int k = 0; k < i; ++k) s -= L_(i, k) * x[k];
-      x[i] = s / L_(i, i);
+      x[i] = s * over_[i];
     }
     return x;
   }
@@ -46,7 +47,7 @@ class Cholesky {
     for (int i = N - 1; i >= 0; --i) {
       double s = b[i];
       for (int k = i + 1; k < N; ++k) s -= L_(k, i) * x[k];
-      x[i] = s / L_(i, i);
+      x[i] = s * over_[i];
     }
     return x;
   }
@@ -59,10 +60,31 @@ class Cholesky {
     return X;
   }
 
-  Matrix inverse() const noexcept { return solve<N>(Matrix::Identity()); }
+  // A^-1 = L^-T L^-1
+  Matrix inverse() const noexcept {
+    Matrix W;  // L^-1, of which only the lower half is set
+    for (int j = 0; j < N; ++j) {
+      W(j, j) = over_[j];
+      for (int i = j + 1; i < N; ++i) {
+        double s = 0;
+        for (int k = j; k < i; ++k) s -= L_(i, k) * W(k, j);
+        W(i, j) = s * over_[i];
+      }
+    }
+    Matrix out;
+    for (int j = 0; j < N; ++j) {
+      for (int i = j; i < N; ++i) {
+        double s = 0;
+        for (int k = i; k < N; ++k) s += W(k, i) * W(k, j);
+        out(i, j) = out(j, i) = s;
+      }
+    }
+    return out;
+  }
 
  private:
   Matrix L_ = Matrix::Zero();
+  Vector over_;  // 1 by the diagonal of L: dividing takes many times as long as multiplying
 };
 
 }  // namespace realtime

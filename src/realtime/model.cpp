@@ -1,7 +1,7 @@
 #include "realtime/model.hpp"
 
-#include <Eigen/LU>
 #include <array>
+#include <cmath>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
@@ -90,6 +90,29 @@ pinocchio::Model reduce(const pinocchio::Model& model) {
                                 list(names));
   }
   return extra.empty() ? model : pinocchio::buildReducedModel(model, extra, pinocchio::neutral(model));
+}
+
+// By elimination with pivots, in plain loops as Cholesky.
+double determinant(Eigen::Matrix<double, 6, 6> A) noexcept {
+  double out = 1;
+  for (int j = 0; j < 6; ++j) {
+    int pivot = j;
+    for (int i = j + 1; i < 6; ++i) {
+      if (std::abs(A(i, j)) > std::abs(A(pivot, j))) pivot = i;
+    }
+    if (pivot != j) {
+      A.row(pivot).swap(A.row(j));
+      out = -out;
+    }
+    out *= A(j, j);
+    if (A(j, j) == 0) break;
+    const double over = 1 / A(j, j);
+    for (int i = j + 1; i < 6; ++i) {
+      const double share = A(i, j) * over;
+      for (int k = j + 1; k < 6; ++k) A(i, k) -= share * A(j, k);
+    }
+  }
+  return out;
 }
 
 }  // namespace
@@ -195,10 +218,14 @@ const Matrix7& Model::mass() const noexcept { return impl_->M; }
 const Vector7& Model::coriolis() const noexcept { return impl_->c; }
 
 Vector7 Model::gravity(const Vector3& O_g) const noexcept {
-  Impl& m = *impl_;
-  m.model.gravity.linear(O_g);
-  const Vector7 out = pinocchio::computeGeneralizedGravity(m.model, m.kinematics, In(m.q));
-  m.model.gravity.setZero();
+  const Impl& m = *impl_;
+  Vector7 out;
+  for (int i = 0; i < kJoints; ++i) {
+    // All that joint i carries, about the origin of O; `lever` is its centre of mass.
+    const pinocchio::Inertia& carried = m.data.oYcrb[i + 1];
+    const Vector3 force = carried.mass() * O_g, moment = carried.lever().cross(force);
+    out[i] = -m.data.J.col(i).head<3>().dot(force) - m.data.J.col(i).tail<3>().dot(moment);
+  }
   return out;
 }
 
@@ -235,7 +262,7 @@ JointsOfPose Model::joints_of_pose(const Vector7& q) noexcept {
   JointsOfPose out;
   out.q = q;
   out.O_T_EE = O_T_EE;
-  out.determinant = J.partialPivLu().determinant();
+  out.determinant = determinant(J);
   out.dq_dP.topRows<kElbow>() = inverse.topRows<kElbow>();
   out.dq_dP.bottomRows<kJoints - 1 - kElbow>() = inverse.bottomRows<kJoints - 1 - kElbow>();
   out.null_motion = Vector7::Unit(kElbow) - out.dq_dP * elbow;
