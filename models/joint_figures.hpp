@@ -23,4 +23,9 @@ inline constexpr Vector7 kFrictionHeight = {0.546, 0.872, 0.641, 1.279, 0.839, 0
 inline constexpr Vector7 kFrictionRise = {5.12, 9.07, 10.14, 5.59, 8.35, 17.13, 10.34};        // phi_2, s/rad
 inline constexpr double kStickingShare = 0.15;                                                // of phi_1
 
+// What all joints together may take, torque times velocity of those that drive, before the robot reports power_limit_violation; W.
+// Franka's staff say that a joint takes the more the more torque it needs, and that not all can go full speed at once (libfranka
+// #143); the figure is assumed.
+inline constexpr double kMostPower = 200;
+
 }  // namespace models

@@ -50,6 +50,7 @@ bool Limiter::at_rest() const noexcept {
 }
 
 TorqueLimiter::TorqueLimiter(const models::Limits& limits) : tau_max_(Vector7::Map(limits.tau_max.data())) {}
+void TorqueLimiter::beside(const Vector7&) noexcept {}
 bool TorqueLimiter::scale(const Vector7& wanted, const Vector7&, double, Vector7& out) const noexcept {
   out = wanted;
   return false;
@@ -69,8 +70,8 @@ bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vec
 }
 
 FallingTorque::FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest,
-                             const Vector7& rate, const Vector7& sent) noexcept
-    : model_(model), mobility_(mobility), rest_(rest), rate_(rate), sent_(sent), dq_(dq) {}
+                             const Vector7& gravity, const Vector7& rate, const Vector7& sent) noexcept
+    : model_(model), mobility_(mobility), rest_(rest), gravity_(gravity), rate_(rate), sent_(sent), dq_(dq) {}
 bool FallingTorque::keeps(const SpeedBounds&, const Vector7&) const noexcept { return true; }
 void FallingTorque::hold(const SpeedBounds&, const Vector7&, Vector7&) const noexcept {}
 

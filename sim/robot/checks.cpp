@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "models/joint_figures.hpp"
 #include "sim/robot/rotation.hpp"
 #include "sim/robot/transform.hpp"
 
@@ -27,7 +28,6 @@ constexpr double kRestVelocity = 0.1;       // rad/s, from which on an arm under
 constexpr double kPositionMargin = 0.01;    // rad, of measured joints beyond their range
 constexpr double kLeaving = 0.01;           // rad/s, outwards
 constexpr double kVelocityMargin = 0.1;     // of the limit, for measured velocities
-constexpr double kPowerLimit = 200;         // W, that all joints take together
 constexpr double kTauJRange = 1.1;          // of tau_max
 constexpr double kClosingIn = 1e-5;         // m each cycle
 constexpr double kTorqueRounding = 4e-6;    // N m: half a unit in the last place of a float32 near tau_max
@@ -244,7 +244,7 @@ Errors Checks::arm(const ArmModel& model, const Eigen::Matrix4d& F_T_EE, const V
     velocity += dq[i] * model.O_R(i + 1).col(2).cross(O_T_EE.topRightCorner<3, 1>() - model.O_p(i + 1));
   }
   raise(errors, Error::kCartesianVelocity, velocity.norm() > (1 + kVelocityMargin) * limits_->translation.velocity);
-  raise(errors, Error::kPowerLimit, tau_motor.cwiseProduct(dq).cwiseMax(0).sum() > kPowerLimit);
+  raise(errors, Error::kPowerLimit, tau_motor.cwiseProduct(dq).cwiseMax(0).sum() > models::kMostPower);
   if ((joints() || cartesian()) && !torques()) {
     raise(errors, Error::kMaxPathPoseDeviation,
           beyond(motion_.maximum_path_deviation, O_T_EE, q[2], desired.O_T_EE_c, desired.elbow_c[0]));

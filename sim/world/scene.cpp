@@ -120,7 +120,11 @@ void add_hand(mjsBody* flange, models::Vector3 flange_xyz) {
   set(hand->pos, flange_xyz);
   set_rotation(hand->quat, {0, 0, models::hand::kYaw});
   set_inertia(hand, models::hand::kHand);
-  add_geom(hand, mjGEOM_BOX, {0, 0, 0.033}, {0.0316, 0.102, 0.033}, kMetalFriction);
+  // Its body, with round ends: it lies inside of models::kHandHull.
+  add_geom(hand, mjGEOM_BOX, {0, 0, 0.033}, {0.0185, 0.083, 0.033}, kMetalFriction);
+  for (const double side : {-1, 1}) {
+    add_geom(hand, mjGEOM_CAPSULE, {0, side * 0.083, 0.033}, {0.0205, 0.0125, 0}, kMetalFriction);
+  }
 
   mjsSite* tcp = mjs_addSite(hand, nullptr);
   mjs_setName(tcp->element, "tcp");

@@ -3,19 +3,21 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/power_taken.hpp"
 #include "realtime/tick.hpp"
 
 namespace realtime {
 namespace {
 
 constexpr int kHalvings = 7;    // of the way that is looked for
+constexpr int kPlaces = 3;      // of a fall after its beginning, where it is looked at what the joints take
 constexpr double kSame = 1e-9;  // rad/s, m/s, W
 
 }  // namespace
 
 FallingTorque::FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest,
-                             const Vector7& rate, const Vector7& sent) noexcept
-    : model_(model), mobility_(mobility), rest_(rest), rate_(rate), sent_(sent), dq_(dq) {
+                             const Vector7& gravity, const Vector7& rate, const Vector7& sent) noexcept
+    : model_(model), mobility_(mobility), rest_(rest), gravity_(gravity), rate_(rate), sent_(sent), dq_(dq) {
   dq_.noalias() += kTick * (mobility * (sent - rest));
 }
 
@@ -30,13 +32,18 @@ FallingTorque::Fall FallingTorque::fall(const Vector7& tau, const Vector7& to, c
   const double p = u.dot(dq_), e = falls * u.dot(ddq), sum = 2 * p + e;
   const double most = p >= e ? p : sum > 0 ? sum * std::sqrt(sum / (3 * e)) / 3 : 0;
   fall.power = std::max(most, 0.) + std::max(to.dot(dq_), to.dot(fall.dq));
+  fall.taken = 0;
+  for (int k = 0; k <= kPlaces; ++k) {
+    const double y = 1 - static_cast<double>(k) / kPlaces;
+    fall.taken = std::max(fall.taken, power_taken(to + y * u + gravity_, dq_ + (1 - y * y) * falls / 2 * ddq));
+  }
   return fall;
 }
 
 bool FallingTorque::keeps(const SpeedBounds& bounds, const Vector7& tau) const noexcept {
   const Fall there = fall(tau, rest_, model_.dJ_dq().head<3>());
   return (there.dq.array() <= bounds.dq_max.array()).all() && (there.dq.array() >= bounds.dq_min.array()).all() &&
-         there.tool <= bounds.tool && there.power <= bounds.power;
+         there.tool <= bounds.tool && there.power <= bounds.power && there.taken <= bounds.taken;
 }
 
 void FallingTorque::hold(const SpeedBounds& bounds, const Vector7& goal, Vector7& tau) const noexcept {
@@ -46,12 +53,13 @@ void FallingTorque::hold(const SpeedBounds& bounds, const Vector7& goal, Vector7
   const Vector7 dq_max = bounds.dq_max.cwiseMax(least.dq).array() + kSame;
   const Vector7 dq_min = bounds.dq_min.cwiseMin(least.dq).array() - kSame;
   const double tool = std::max(bounds.tool, least.tool) + kSame, power = std::max(bounds.power, least.power) + kSame;
+  const double taken = std::max(bounds.taken, least.taken) + kSame;
   double share = 0;
   for (int i = 0; i < kHalvings; ++i) {
     const double more = i == 0 ? 1 : share + std::ldexp(1., -i);
     const Fall there = fall(back + more * way, goal, Vector3::Zero());
     const bool fits = (there.dq.array() <= dq_max.array()).all() && (there.dq.array() >= dq_min.array()).all() &&
-                      there.tool <= tool && there.power <= power;
+                      there.tool <= tool && there.power <= power && there.taken <= taken;
     if (fits) share = more;
     if (share == 1) return;
   }

@@ -9,6 +9,7 @@ struct SpeedBounds {
   Vector7 dq_min, dq_max;  // rad/s
   double tool;             // m/s, of the origin of EE; may be infinite, as may
   double power;            // W
+  double taken;            // W, by the joints that drive, gravity included
 };
 
 // What becomes of an arm whose torque falls as fast as the robot lets it: all of it together, in a straight line to where it makes
@@ -18,10 +19,10 @@ struct SpeedBounds {
 // that line.
 class FallingTorque {
  public:
-  // `sent`: the last torque, which acts in this cycle (N m); `rest`: that with which the joints do not accelerate; `mobility`:
-  // joint_mobility() (1/(kg m²)); `rate`: N m/s, at which each torque may fall. All must outlive this.
-  FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest, const Vector7& rate,
-                const Vector7& sent) noexcept;
+  // `sent`: the last torque, which acts in this cycle (N m); `rest`: that with which the joints do not accelerate; `gravity`: what
+  // they bear beside; `mobility`: joint_mobility() (1/(kg m²)); `rate`: N m/s, at which each torque may fall. All must outlive this.
+  FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest, const Vector7& gravity,
+                const Vector7& rate, const Vector7& sent) noexcept;
 
   // Whether the arm keeps to the bounds if it falls from this torque to `rest`.
   bool keeps(const SpeedBounds& bounds, const Vector7& tau) const noexcept;
@@ -32,10 +33,10 @@ class FallingTorque {
   void hold(const SpeedBounds& bounds, const Vector7& goal, Vector7& tau) const noexcept;
 
  private:
-  // Of a fall from tau to `to`: the velocities at its end, and the greatest speed (m/s) and power (W) on the way.
+  // Of a fall from tau to `to`: the velocities at its end, and the greatest speed (m/s) and powers (W) on the way.
   struct Fall {
     Vector7 dq;
-    double tool, power;
+    double tool, power, taken;
   };
   // `turning`: how the tool accelerates there although the joints do not, m/s².
   Fall fall(const Vector7& tau, const Vector7& to, const Vector3& turning) const noexcept;
@@ -43,7 +44,7 @@ class FallingTorque {
 
   const Model& model_;
   const Matrix7& mobility_;
-  const Vector7 &rest_, &rate_, &sent_;
+  const Vector7 &rest_, &gravity_, &rate_, &sent_;
   Vector7 dq_;  // when the next torque begins to act
 };
 

@@ -14,7 +14,7 @@ enum class HeldBy : std::uint8_t {
   kArm = 16,          // which stays behind, as something holds it
   kItself = 32,       // the arm, which would have come near to itself
   kToolSpeed = 64,    // Bounds::tool_speed
-  kPower = 128,       // Bounds::power
+  kPower = 128,       // Bounds::power, or models::kMostPower
 };
 
 constexpr HeldBy operator|(HeldBy a, HeldBy b) { return static_cast<HeldBy>(static_cast<int>(a) | static_cast<int>(b)); }

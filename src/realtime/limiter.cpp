@@ -1048,21 +1048,33 @@ bool Limiter::at_rest() const noexcept {
 
 TorqueLimiter::TorqueLimiter(const models::Limits& limits)
     : tau_max_(kShare * Vector7::Map(limits.tau_max.data())),
-      dtau_max_(kShare * Vector7::Map(limits.dtau_max.data())) {}
+      dtau_max_(kShare * Vector7::Map(limits.dtau_max.data())),
+      least_(-tau_max_),
+      most_(tau_max_) {}
+
+void TorqueLimiter::beside(const Vector7& borne) noexcept {
+  least_ = (-tau_max_).cwiseMax(-tau_max_ - borne).cwiseMin(0);
+  most_ = tau_max_.cwiseMin(tau_max_ - borne).cwiseMax(0);
+}
 
 bool TorqueLimiter::scale(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {
   const bool finite = wanted.allFinite();
-  const Vector7 target = finite ? Vector7(wanted / std::max(share(wanted), 1.)) : Vector7::Zero();
+  double share = 1;
+  for (int i = 0; i < kJoints && finite; ++i) {
+    const double most = wanted[i] < 0 ? least_[i] : most_[i];
+    if (std::abs(wanted[i]) > std::abs(most)) share = std::min(share, most / wanted[i]);
+  }
+  const Vector7 target = finite ? Vector7(share * wanted) : Vector7::Zero();
   const Vector7 change = target - last;
   const double rate = change.cwiseAbs().cwiseQuotient(dt * dtau_max_).maxCoeff();
   out = last + change / std::max(rate, 1.);
-  return !finite || rate > 1 || share(wanted) > 1;
+  return !finite || rate > 1 || share < 1;
 }
 
 bool TorqueLimiter::limit(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {
   bool held = false;
   for (int i = 0; i < kJoints; ++i) {
-    const double target = std::isfinite(wanted[i]) ? std::clamp(wanted[i], -tau_max_[i], tau_max_[i]) : 0;
+    const double target = std::isfinite(wanted[i]) ? std::clamp(wanted[i], least_[i], most_[i]) : 0;
     const double rate = dt * dtau_max_[i];
     out[i] = std::clamp(target, last[i] - rate, last[i] + rate);
     held |= out[i] != wanted[i];

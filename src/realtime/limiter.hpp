@@ -97,6 +97,9 @@ class TorqueLimiter {
  public:
   explicit TorqueLimiter(const models::Limits& limits);
 
+  // From now on torques are those beside what the joints bear anyhow (N m, gravity), and both together keep to the limits as well.
+  void beside(const Vector7& borne) noexcept;
+
   // The greatest of these torques, by what that joint can give.
   double share(const Vector7& tau) const noexcept { return tau.cwiseAbs().cwiseQuotient(tau_max_).maxCoeff(); }
 
@@ -111,6 +114,7 @@ class TorqueLimiter {
 
  private:
   Vector7 tau_max_, dtau_max_;
+  Vector7 least_, most_;  // N m, on both sides of 0
 };
 
 }  // namespace realtime

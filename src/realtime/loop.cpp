@@ -6,6 +6,7 @@
 #include <limits>
 #include <utility>
 
+#include "realtime/base_gravity.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/tool.hpp"
 
@@ -323,7 +324,7 @@ void Loop::generate_reference() noexcept {
   coasted_ |= robot_->has_reference() && ticks_ > 1;
   const Vector7 q_d = vector(state_.q_d);
   gate_.prefer(phase_ == Phase::kRunning ? skill_->controller->posture() : std::nullopt);
-  gate_.observe(reference_, robot_->makes_joints() ? &q_d : nullptr);
+  gate_.observe(reference_, model_.gravity(base_gravity(state_)), robot_->makes_joints() ? &q_d : nullptr);
   if (phase_ == Phase::kRunning && !waits_for_start()) {
     skill_time_ += cycle_.dt;
     cycle_.time = skill_time_;

@@ -6,7 +6,9 @@
 #include <limits>
 #include <span>
 
+#include "models/joint_figures.hpp"
 #include "realtime/felt_inertia.hpp"
+#include "realtime/power_taken.hpp"
 #include "realtime/rotation.hpp"
 
 namespace realtime {
@@ -53,7 +55,8 @@ void MotionGate::keep_to(const Bounds& bounds) noexcept {
   limiter_.reduce(bounds.limits);
 }
 
-void MotionGate::observe(const Reference& reference, const Vector7* q_d) noexcept {
+void MotionGate::observe(const Reference& reference, const Vector7& gravity, const Vector7* q_d) noexcept {
+  gravity_ = gravity;
   if (reference.motion == Channels::kJoint) {
     joints_.q = reference.joint.q;
   } else if (q_d != nullptr) {
@@ -91,18 +94,19 @@ double MotionGate::tool_speed() const noexcept {
   return std::max((J * limiter_.last().joint.dq).norm(), (J * limiter_.joint_velocity_to_come()).norm());
 }
 
-// That the joints do with it, W.
-double MotionGate::power(const Reference& reference) const noexcept {
+// Whether the joints do more with it than may be asked for, or take more than the robot has.
+HeldBy MotionGate::too_much_power(const Reference& reference) const noexcept {
   const bool joints = reference.motion == Channels::kJoint;
   const Vector7 dq = joint_velocity();
   const Vector7 ddq = joints ? reference.joint.ddq : Vector7(joints_.dq_dP * reference.cartesian.acceleration);
-  return dq.dot(felt_inertia(model_.mass()) * ddq + model_.coriolis());
+  const Vector7 tau = felt_inertia(model_.mass()) * ddq + model_.coriolis();
+  return when(dq.dot(tau) > kPowerShare * bounds_.power || power_taken(tau + gravity_, dq) > kPowerShare * models::kMostPower,
+              HeldBy::kPower);
 }
 
 // `fastest`: of the tool, that is not yet too fast, m/s.
 HeldBy MotionGate::beyond_bounds(const Reference& reference, double fastest) const noexcept {
-  return when(tool_speed() > fastest, HeldBy::kToolSpeed) |
-         when(std::isfinite(bounds_.power) && power(reference) > kPowerShare * bounds_.power, HeldBy::kPower);
+  return when(tool_speed() > fastest, HeldBy::kToolSpeed) | too_much_power(reference);
 }
 
 // So that they together do not move it faster.

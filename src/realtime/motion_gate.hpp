@@ -37,9 +37,9 @@ class MotionGate {
   // The posture that joints which follow a pose here are led near, rad, as far as they meet neither a wall nor the arm itself.
   void prefer(const std::optional<Vector7>& posture) noexcept { pose_joints_.prefer(posture); }
 
-  // Once in each cycle, before its steps: where the joints of the reference are. `q_d`: those that the robot makes of a pose, or
-  // null where they are to follow it here.
-  void observe(const Reference& reference, const Vector7* q_d) noexcept;
+  // Once in each cycle, before its steps: where the joints of the reference are, and the gravity that they bear, N m. `q_d`: those
+  // that the robot makes of a pose, or null where they are to follow it here.
+  void observe(const Reference& reference, const Vector7& gravity, const Vector7* q_d) noexcept;
 
   // The reference one tick on, for what is wanted, and what held it back; on the way to rest, true if it is at rest.
   HeldBy follow(const Reference& wanted, Reference& reference) noexcept;
@@ -62,7 +62,7 @@ class MotionGate {
   HeldBy keep_to_bounds(const Reference& wanted, Reference& reference) noexcept;
   HeldBy beyond_bounds(const Reference& reference, double fastest) const noexcept;
   double tool_speed() const noexcept;
-  double power(const Reference& reference) const noexcept;
+  HeldBy too_much_power(const Reference& reference) const noexcept;
   void share_tool_speed(const Reference& wanted) noexcept;
   bool elbow_is_clear(const Vector7& q) noexcept;
   HeldBy meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept;
@@ -73,6 +73,7 @@ class MotionGate {
   Model& model_;
   Bounds bounds_;
   double robots_tool_speed_;  // m/s, that it allows
+  Vector7 gravity_ = Vector7::Zero();  // N m
   Limiter limiter_;
   WallGuard walls_;
   SelfGuard self_;

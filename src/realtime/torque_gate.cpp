@@ -4,8 +4,11 @@
 #include <cmath>
 #include <optional>
 
+#include "models/joint_figures.hpp"
+#include "realtime/base_gravity.hpp"
 #include "realtime/falling_torque.hpp"
 #include "realtime/felt_inertia.hpp"
+#include "realtime/power_taken.hpp"
 #include "realtime/tick.hpp"
 
 namespace realtime {
@@ -66,6 +69,9 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   Vector7 tau;
   const Matrix7 mobility = joint_mobility(cycle.model.mass());
   const Vector7& c = cycle.model.coriolis();
+  const Vector7 gravity = cycle.model.gravity(base_gravity(cycle.state));
+  asked_.beside(gravity);
+  limits_.beside(gravity);
   // The robot's estimate is of what the arm exerts.
   const Vector7 felt = Vector7::Map(cycle.state.tau_ext_hat_filtered.data());
   const Vector7 pushed = felt.allFinite() ? Vector7(mobility * -felt) : Vector7::Zero();
@@ -73,6 +79,13 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   HeldBy held = when(share < 1, HeldBy::kArm);
   if (const double power = share * (wanted - c).dot(cycle.dq); power > bounds_.power) {
     share *= bounds_.power / power;
+    held |= HeldBy::kPower;
+  }
+  // What is taken is convex in the share of the torque: it is less than in proportion.
+  constexpr double kMostTaken = kPowerShare * models::kMostPower;
+  if (const double taken = power_taken(c + share * (wanted - c) + gravity, cycle.dq); taken > kMostTaken) {
+    const double anyhow = power_taken(c + gravity, cycle.dq);
+    share *= anyhow < kMostTaken ? (kMostTaken - anyhow) / (taken - anyhow) : 0;
     held |= HeldBy::kPower;
   }
   bool limited = asked_.scale(share < 1 ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau);
@@ -84,13 +97,18 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   held |= when(tool && tool->force > 0, HeldBy::kToolSpeed);
   // The robot compares with the command before, however long ago that was; or, where one was lost, with the last that came.
   limited |= limits_.limit(tau, sent, kTick, tau_J_d);
-  const FallingTorque falling(cycle.model, cycle.dq, mobility, c, limits_.rate(), sent);
-  const SpeedBounds speeds{barrier_.dq_min(), barrier_.dq_max(), bounds_.tool_speed, bounds_.power};
-  if (pushed_away == HeldBy::kNothing && !falling.keeps(speeds, tau_J_d)) {  // a wall pushes first
+  const FallingTorque falling(cycle.model, cycle.dq, mobility, c, gravity, limits_.rate(), sent);
+  const SpeedBounds speeds{barrier_.dq_min(), barrier_.dq_max(), bounds_.tool_speed, bounds_.power, kMostTaken};
+  if (!falling.keeps(speeds, tau_J_d)) {
     Vector7 slower = c * std::min(1., bounds_.power / std::max(c.dot(cycle.dq), 1e-9));
+    if (pushed_away != HeldBy::kNothing) walls.add(cycle.q, cycle.dq, mobility, c, slower);
     tool = tool_brake(cycle, pushed, 0);
     barrier_.add(cycle.q, cycle.dq, mobility, c, lead, slower, tool ? &*tool : nullptr);
     falling.hold(speeds, slower, tau_J_d);
+    // All of it falls together, as slowly as what has farthest to go: a joint that would be too fast on the way need not wait.
+    tau = tau_J_d;
+    barrier_.add(cycle.q, cycle.dq, mobility, c, lead, tau);
+    limits_.limit(tau, sent, kTick, tau_J_d);
     limited = true;
   }
   const Vector7 came = Vector7::Map(cycle.state.tau_J_d.data());

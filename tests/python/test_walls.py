@@ -45,11 +45,11 @@ def walled(fa):
 
 
 def gap(rows) -> float:
-    """Return the least distance between hand and wall (m), by the two capsules of models/arm.cpp."""
+    """Return the least distance between hand and wall (m), by the hull of models/arm.hpp and the fingers' capsule."""
     frames = rows["O_T_TCP"].reshape(-1, 4, 4).transpose(0, 2, 1)
     least = []
-    for z, radius in ((0.04, 0.04), (0.10, 0.02)):
-        for y in (-0.05, 0.05):
+    for z, radius, length in ((0.0225, 0.049, 0.155), (0.10, 0.02, 0.1)):
+        for y in (-length / 2, length / 2):
             end = frames[:, :3, 3] + frames[:, :3, :3] @ [0, y, z - 0.1034]
             least.append((FACE - end[:, 1]).min() - radius)
     return min(least)

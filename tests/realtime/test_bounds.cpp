@@ -5,9 +5,11 @@
 #include <random>
 
 #include "allocation_counter.hpp"
+#include "models/joint_figures.hpp"
 #include "realtime/bounds.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/motion_gate.hpp"
+#include "realtime/power_taken.hpp"
 #include "simulated_arm.hpp"
 
 namespace {
@@ -145,7 +147,7 @@ class GateTest : public testing::Test {
   // One cycle of an arm that is where its reference is.
   HeldBy step(const Reference& wanted) {
     arm.model.update(reference.joint.q, reference.joint.dq);
-    gate.observe(reference, nullptr);
+    gate.observe(reference, arm.model.gravity({0, 0, -9.81}), nullptr);
     const testing_tools::AllocationCounter counter;
     const HeldBy held = gate.follow(wanted, reference);
     if (allocations::kCounts) {
@@ -204,7 +206,7 @@ TEST(FerGateTest, joints_do_not_move_the_tool_faster_than_the_robot_allows) {
   for (int cycle = 0; cycle < 20000 && (reference.joint.q - goal).norm() > 1e-6; ++cycle) {
     const Vector7 before = reference.joint.q;
     arm.model.update(reference.joint.q, reference.joint.dq);
-    gate.observe(reference, nullptr);
+    gate.observe(reference, arm.model.gravity({0, 0, -9.81}), nullptr);
     gate.follow(joints(goal), reference);
     fastest = std::max(fastest, tool_speed(arm.model, before, reference.joint.q));
   }
@@ -255,6 +257,34 @@ TEST_F(GateTest, joints_do_no_more_work_than_may_be) {
       EXPECT_GT(hardest, 15) << "they ask for more";
     }
   }
+}
+
+// A heavy tool is lifted from far out while all joints move.
+TEST_F(GateTest, joints_take_no_more_than_the_robot_has) {
+  arm.model.set_tool(3, {0, 0, 0.1}, Eigen::Matrix3d::Zero(), Eigen::Isometry3d::Identity());
+  const Vector7 low = (Vector7() << -1.5, 1.6, 0, -0.4, 0, 1.6, 0).finished(), high = (Vector7() << 1.5, -1.2, 0.3, -2.4, 1, 2.4, 1.5).finished();
+  const auto most_taken = [&](const auto& next) {
+    reference = joints(low);
+    gate.reset(reference);
+    double most = 0;
+    Vector7 before = reference.joint.dq;
+    for (int cycle = 0; cycle < 20000 && (reference.joint.q - high).norm() > 1e-6; ++cycle) {
+      next();
+      const Vector7 ddq = (reference.joint.dq - before) / kDt;
+      before = reference.joint.dq;
+      arm.model.update(reference.joint.q, before);
+      const Vector7 tau = felt_inertia(arm.model.mass()) * ddq + arm.model.coriolis() + arm.model.gravity({0, 0, -9.81});
+      most = std::max(most, power_taken(tau, before));
+    }
+    EXPECT_LT((reference.joint.q - high).norm(), 1e-6);
+    return most;
+  };
+  Limiter alone(kLimits);
+  alone.reset(joints(low));
+  EXPECT_GT(most_taken([&] { alone.follow(joints(high), kDt, reference); }), models::kMostPower) << "it would take more";
+  HeldBy held = HeldBy::kNothing;
+  EXPECT_LE(most_taken([&] { held |= step(joints(high)); }), models::kMostPower);
+  EXPECT_TRUE(has(held, HeldBy::kPower));
 }
 
 }  // namespace

@@ -29,7 +29,7 @@ class ObserverOf : public testing::TestWithParam<const char*> {
 
   // So many cycles, of which the observer sees the last: with more than one the others' states are lost.
   void go(const Vector7& external = Vector7::Zero(), std::uint64_t cycles = 1) {
-    Vector7 tau_J;
+    Vector7 tau_J = arm.tau;
     for (std::uint64_t n = 0; n < cycles; ++n) {
       const Vector7 torque = arm.tau, before = arm.model.gravity(kGravity);
       Vector7 next;

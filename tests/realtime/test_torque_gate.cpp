@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "models/joint_figures.hpp"
+#include "realtime/power_taken.hpp"
 #include "simulated_arm.hpp"
 
 namespace {
@@ -18,6 +19,8 @@ using testing_tools::SimulatedArm;
 // What a controller that pulls to and fro makes of an arm, with up to a share of what the joints can give.
 struct Pulled {
   double speed = 0, power = 0, joint = 0;  // the greatest: m/s, W, share of the joints' velocity
+  double taken = 0;                        // W
+  HeldBy held = HeldBy::kNothing;
 };
 
 class PulledArm : public testing::TestWithParam<std::tuple<const char*, double>> {
@@ -39,7 +42,9 @@ class PulledArm : public testing::TestWithParam<std::tuple<const char*, double>>
       if (cycle % 250 == 0) {
         for (int i = 0; i < 7; ++i) wanted[i] = some(engine) * limits.tau_max[i];
       }
-      gate.pass(arm.cycle, walls, wanted, 0, sent);
+      const Vector7 gravity = arm.model.gravity({0, 0, -9.81});
+      most.held |= gate.pass(arm.cycle, walls, wanted, 0, sent);
+      most.taken = std::max(most.taken, power_taken(sent + gravity, arm.dq));
       arm.step(sent);
       most.speed = std::max(most.speed, (arm.model.jacobian().topRows<3>() * arm.dq).norm());
       most.power = std::max(most.power, sent.dot(arm.dq));
@@ -78,6 +83,38 @@ TEST_P(PulledArm, ExertsNoMorePowerThanMayBe) {
       EXPECT_LE(pulled(bounds, seed).power, most) << "seed " << seed;
     }
   }
+}
+
+TEST_P(PulledArm, TakesNoMoreThanTheRobotHas) {
+  HeldBy held = HeldBy::kNothing;
+  for (const unsigned seed : kSeeds) {
+    const Pulled most = pulled(own, seed);
+    EXPECT_LE(most.taken, models::kMostPower) << "seed " << seed;
+    held |= most.held;
+  }
+  EXPECT_EQ(has(held, HeldBy::kPower), share > 0.5) << "more is asked for";
+}
+
+// Reaching out, the second joint of an arm bears a good half of what it can already.
+TEST(TorqueGate, JointsBearNoMoreThanTheyCanWithWhatTheArmWeighs) {
+  SimulatedArm arm("fr3", Vector7::Map(models::kMotorInertia.data()));
+  const models::Limits& limits = models::limits(models::arm("fr3"), 10);
+  TorqueGate gate(limits);
+  WallGuard walls;
+  arm.q << 0, 1.2, 0, -0.4, 0, 1.8, 0;
+  arm.observe();
+  const auto gravity = [&] { return arm.model.gravity({0, 0, -9.81}); };
+  Vector7 wanted = Vector7::Zero(), sent = wanted;
+  wanted[1] = -0.8 * limits.tau_max[1];
+  ASSERT_LT((wanted + gravity())[1], -1.2 * limits.tau_max[1]);
+  double least = 0;
+  for (int cycle = 0; cycle < 100; ++cycle) {
+    gate.pass(arm.cycle, walls, wanted, 0, sent);
+    least = std::min(least, (sent + gravity())[1]);
+    arm.step(sent);
+  }
+  EXPECT_GE(least, -limits.tau_max[1]);
+  EXPECT_LT(least, -0.9 * limits.tau_max[1]) << "all that it can";
 }
 
 // By the hand, up to 30 N hither and thither, while nothing holds it: how much faster than allowed a joint becomes, as a share of

@@ -65,9 +65,11 @@ class Capsule:
 
 
 def capsules(with_base: bool = False) -> list[Capsule]:
-    """Those of the arm and the hand that move, or all, from the one place that has them."""
+    """Those of the arm and the hand that move and may meet walls, or all that may meet each other, from the one place that has them."""
     text = (REPOSITORY / "models" / "arm.cpp").read_text()
     (table,) = re.findall(r"kCapsules = \{\{(.*?)\}\};", text, re.DOTALL)
+    if not with_base:
+        table += (REPOSITORY / "models" / "arm.hpp").read_text()  # the hull of the hand, which counts for walls alone
     rows = re.findall(r"\{(\d), \{([^}]*)\}, '(\w)', ([\d.]+), ([\d.]+)\}", table)
     found = []
     for link, centre, axis, radius, length in rows:

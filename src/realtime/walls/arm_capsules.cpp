@@ -19,14 +19,17 @@ Eigen::Isometry3d frame(const models::JointFrame& joint) {
 ArmCapsules::ArmCapsules(const models::Arm& arm, bool hand) {
   for (std::size_t i = 0; i < frames_.size(); ++i) frames_[i] = frame(arm.joints[i]);
   const Eigen::Isometry3d F_T_hand(Eigen::AngleAxisd(models::hand::kYaw, Vector3::UnitZ()));
-  for (const models::Capsule& capsule : models::capsules()) {
-    if (capsule.link == kFlange && !hand) continue;
+  const auto add = [&](const models::Capsule& capsule) {
     const Vector3 centre = Vector3::Map(capsule.centre.data()), half = capsule.length / 2 * Vector3::Unit(capsule.axis - 'x');
     const Eigen::Isometry3d T = capsule.link == kFlange ? F_T_hand : capsule.link == 1 ? frames_[0] : Eigen::Isometry3d::Identity();
     auto& which = capsule.link <= 1 ? fixed_ : capsules_;
     which.push_back({capsule.link, T * (centre - half), T * (centre + half), capsule.radius});
+  };
+  for (const models::Capsule& capsule : models::capsules()) {
+    if (capsule.link != kFlange || hand) add(capsule);
   }
   own_ = capsules_.size();
+  if (hand) add(models::kHandHull);
 }
 
 bool ArmCapsules::hold(const Vector3& F_a, const Vector3& F_b, double radius) {

@@ -9,10 +9,10 @@
 
 namespace realtime {
 
-// The body of an arm as capsules: the vendor's (models::capsules()), and what is fixed to its flange.
+// The body of an arm as capsules: the vendor's (models::capsules()), the hull of the hand, and what is fixed to its flange.
 class ArmCapsules {
  public:
-  static constexpr int kMostHeld = 12, kMost = 12 + kMostHeld;
+  static constexpr int kMostHeld = 12, kMost = 13 + kMostHeld;
   static constexpr int kFlange = 8;  // the number of the flange as a link; the hand is on it
 
   struct Capsule {
@@ -34,7 +34,7 @@ class ArmCapsules {
   // Fixed to the flange F; false when there are too many.
   bool hold(const Vector3& F_a, const Vector3& F_b, double radius);
 
-  // Those that move; the first own() of them are the arm's and the hand's, and what is held follows.
+  // Those that move; the first own() of them are those of the robot's self-collision model, and what is held comes last.
   const std::vector<Capsule>& all() const noexcept { return capsules_; }
   std::size_t own() const noexcept { return own_; }
   // Those of the base and of link 1, in O.
