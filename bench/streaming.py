@@ -6,7 +6,8 @@ and says where the joints are to be then; 10 % are not sent. The seed is fixed. 
   stream_rms_mm_RATE       root mean square of the tool's way from what was meant, in truth, with the delay taken out
   stream_delay_ms_RATE     the delay with which that is least
   stream_true_jerk_RATE    rad/s³, root mean square over the joints, in truth: what is felt
-  stream_jerk_share_RATE   the greatest jerk that was commanded, of the limit of its joint (ours)
+  stream_jerk_share_RATE   the greatest jerk that was commanded, of the limit of its joint, where no command was lost on the way,
+                           after which the robot's reference is another (ours)
   stream_errors            of the robot, or of whoever streams, over all rates
   ..._franky               JointImpedanceTrackingMotion, each target set as its reference
   ..._franky_motions       JointMotion, each in the place of the last (asynchronous), at half of the limits, as ours
@@ -128,7 +129,7 @@ def judged(rows: np.ndarray, begin: float, clocks: list[tuple[int, float]], name
 
 def ours(rate: int) -> tuple[dict[str, float], int]:
     """Return the entries, and how many errors there were."""
-    sent: list[tuple[int, list[float]]] = []  # the robot's time, and joints as commanded
+    sent: list[tuple[int, float, list[float]]] = []  # the robot's time, the share of commands that came, joints as commanded
     clocks: list[tuple[int, float]] = []
     errors = 0
     over = threading.Event()
@@ -138,7 +139,8 @@ def ours(rate: int) -> tuple[dict[str, float], int]:
             for state in states:
                 clocks.append((state.robot.message_id, 1e-9 * state.time_ns))
                 if len(state.command.q_c) == 7:
-                    sent.append((state.robot.message_id, list(state.command.q_c)))
+                    robot = state.robot
+                    sent.append((robot.message_id, robot.control_command_success_rate, list(state.command.q_c)))
                 if over.is_set():
                     return
 
@@ -167,9 +169,10 @@ def ours(rate: int) -> tuple[dict[str, float], int]:
             errors += fa.last_skill_result.ending != proto.STOPPED
             rows = read_truth(truth, until=clocks[-1][0])
     entries = judged(rows, begin, clocks, str(rate))
-    cycles, commands = np.array([cycle for cycle, _ in sent]), np.array([q for _, q in sent])
+    cycles, came, commands = (np.array(column) for column in zip(*sent, strict=True))
     jerks = np.abs(np.diff(commands, 3, axis=0)).max(axis=1) / 1e-9
-    whole = cycles[3:] - cycles[:-3] == 3  # none missing between
+    fewer = np.diff(came) < 0  # the command before has not come
+    whole = (cycles[3:] - cycles[:-3] == 3) & ~(fewer[:-2] | fewer[1:-1] | fewer[2:])
     return entries | {f"stream_jerk_share_{rate}": float(jerks[whole].max() / JERK)}, errors
 
 

@@ -60,7 +60,7 @@ def test_frames_are_those_of_the_arm():
 def test_gaps_are_those_of_many_points_of_the_capsule():
     random = np.random.default_rng(2)
     capsules = judge.capsules()
-    assert len(capsules) == 10
+    assert len(capsules) == 11
     for seed in range(60):
         wall = draws(seed).wall()
         at = judge.frames(random.uniform(*LIMITS.q, (1, 7)))
