@@ -1059,16 +1059,11 @@ void TorqueLimiter::beside(const Vector7& borne) noexcept {
 
 bool TorqueLimiter::scale(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {
   const bool finite = wanted.allFinite();
-  double share = 1;
-  for (int i = 0; i < kJoints && finite; ++i) {
-    const double most = wanted[i] < 0 ? least_[i] : most_[i];
-    if (std::abs(wanted[i]) > std::abs(most)) share = std::min(share, most / wanted[i]);
-  }
-  const Vector7 target = finite ? Vector7(share * wanted) : Vector7::Zero();
+  const Vector7 target = finite ? Vector7(wanted / std::max(share(wanted), 1.)) : Vector7::Zero();
   const Vector7 change = target - last;
   const double rate = change.cwiseAbs().cwiseQuotient(dt * dtau_max_).maxCoeff();
   out = last + change / std::max(rate, 1.);
-  return !finite || rate > 1 || share < 1;
+  return !finite || rate > 1 || share(wanted) > 1;
 }
 
 bool TorqueLimiter::limit(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {

@@ -97,7 +97,8 @@ class TorqueLimiter {
  public:
   explicit TorqueLimiter(const models::Limits& limits);
 
-  // From now on torques are those beside what the joints bear anyhow (N m, gravity), and both together keep to the limits as well.
+  // From now on limit() takes torques for those beside what the joints bear anyhow (N m, gravity): both together keep to the limits
+  // as well.
   void beside(const Vector7& borne) noexcept;
 
   // The greatest of these torques, by what that joint can give.

@@ -70,7 +70,6 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   const Matrix7 mobility = joint_mobility(cycle.model.mass());
   const Vector7& c = cycle.model.coriolis();
   const Vector7 gravity = cycle.model.gravity(base_gravity(cycle.state));
-  asked_.beside(gravity);
   limits_.beside(gravity);
   // The robot's estimate is of what the arm exerts.
   const Vector7 felt = Vector7::Map(cycle.state.tau_ext_hat_filtered.data());

@@ -117,6 +117,28 @@ TEST(TorqueGate, JointsBearNoMoreThanTheyCanWithWhatTheArmWeighs) {
   EXPECT_LT(least, -0.9 * limits.tau_max[1]) << "all that it can";
 }
 
+// Which alone is more than it.
+TEST(TorqueGate, AReducedTorqueIsBesideWhatTheArmWeighs) {
+  SimulatedArm arm("fr3", Vector7::Map(models::kMotorInertia.data()));
+  const models::Limits& limits = models::limits(models::arm("fr3"), 10);
+  Bounds bounds(limits);
+  for (double& tau_max : bounds.limits.tau_max) tau_max *= 0.2;
+  TorqueGate gate(limits);
+  gate.keep_to(bounds);
+  WallGuard walls;
+  arm.q << 0, 1.2, 0, -0.4, 0, 1.8, 0;
+  arm.observe();
+  ASSERT_LT(arm.model.gravity({0, 0, -9.81})[1], -bounds.limits.tau_max[1]);
+  Vector7 wanted = Vector7::Zero(), sent = wanted;
+  wanted[1] = -limits.tau_max[1];
+  for (int cycle = 0; cycle < 30; ++cycle) {
+    gate.pass(arm.cycle, walls, wanted, 0, sent);
+    arm.step(sent);
+  }
+  EXPECT_GE(sent[1], -bounds.limits.tau_max[1]);
+  EXPECT_LT(sent[1], -0.9 * bounds.limits.tau_max[1]);
+}
+
 // By the hand, up to 30 N hither and thither, while nothing holds it: how much faster than allowed a joint becomes, as a share of
 // its greatest speed, and the tool (m/s).
 class PushedArm : public testing::TestWithParam<const char*> {
