@@ -40,27 +40,26 @@ FallingTorque::Fall FallingTorque::fall(const Vector7& tau, const Vector7& to, c
   return fall;
 }
 
+bool FallingTorque::Fall::keeps(const SpeedBounds& bounds) const noexcept {
+  return (dq.array() <= bounds.dq_max.array()).all() && (dq.array() >= bounds.dq_min.array()).all() && tool <= bounds.tool &&
+         power <= bounds.power && taken <= bounds.taken;
+}
+
 bool FallingTorque::keeps(const SpeedBounds& bounds, const Vector7& tau) const noexcept {
-  const Fall there = fall(tau, rest_, model_.dJ_dq().head<3>());
-  return (there.dq.array() <= bounds.dq_max.array()).all() && (there.dq.array() >= bounds.dq_min.array()).all() &&
-         there.tool <= bounds.tool && there.power <= bounds.power && there.taken <= bounds.taken;
+  return fall(tau, rest_, model_.dJ_dq().head<3>()).keeps(bounds);
 }
 
 void FallingTorque::hold(const SpeedBounds& bounds, const Vector7& goal, Vector7& tau) const noexcept {
   const Vector7 to_goal = goal - sent_;
   const Vector7 back = sent_ + to_goal * std::min(kTick / std::max(time(to_goal), kTick), 1.), way = tau - back;
   const Fall least = fall(back, goal, Vector3::Zero());
-  const Vector7 dq_max = bounds.dq_max.cwiseMax(least.dq).array() + kSame;
-  const Vector7 dq_min = bounds.dq_min.cwiseMin(least.dq).array() - kSame;
-  const double tool = std::max(bounds.tool, least.tool) + kSame, power = std::max(bounds.power, least.power) + kSame;
-  const double taken = std::max(bounds.taken, least.taken) + kSame;
+  const SpeedBounds no_farther{bounds.dq_min.cwiseMin(least.dq).array() - kSame, bounds.dq_max.cwiseMax(least.dq).array() + kSame,
+                               std::max(bounds.tool, least.tool) + kSame, std::max(bounds.power, least.power) + kSame,
+                               std::max(bounds.taken, least.taken) + kSame};
   double share = 0;
   for (int i = 0; i < kHalvings; ++i) {
     const double more = i == 0 ? 1 : share + std::ldexp(1., -i);
-    const Fall there = fall(back + more * way, goal, Vector3::Zero());
-    const bool fits = (there.dq.array() <= dq_max.array()).all() && (there.dq.array() >= dq_min.array()).all() &&
-                      there.tool <= tool && there.power <= power && there.taken <= taken;
-    if (fits) share = more;
+    if (fall(back + more * way, goal, Vector3::Zero()).keeps(no_farther)) share = more;
     if (share == 1) return;
   }
   tau = back + share * way;

@@ -37,6 +37,8 @@ class FallingTorque {
   struct Fall {
     Vector7 dq;
     double tool, power, taken;
+
+    bool keeps(const SpeedBounds& bounds) const noexcept;
   };
   // `turning`: how the tool accelerates there although the joints do not, m/s².
   Fall fall(const Vector7& tau, const Vector7& to, const Vector3& turning) const noexcept;
