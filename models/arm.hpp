@@ -90,7 +90,7 @@ const Limits& limits(const Arm& arm, std::uint16_t version);
 std::span<const Capsule> capsules();
 
 // Around all of the hand without its fingers: the least capsule along y about the corners of the vendor's collision mesh of it, of
-// which the capsules of the self-collision model leave out up to 35 mm.
+// which the capsules of the self-collision model leave out up to 36 mm.
 inline constexpr Capsule kHandHull = {8, {0, 0, 0.0225}, 'y', 0.049, 0.155};
 
 // The Franka hand: its frame on the flange is turned by -45° about z.

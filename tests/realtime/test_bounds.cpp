@@ -262,7 +262,8 @@ TEST_F(GateTest, joints_do_no_more_work_than_may_be) {
 // A heavy tool is lifted from far out while all joints move.
 TEST_F(GateTest, joints_take_no_more_than_the_robot_has) {
   arm.model.set_tool(3, {0, 0, 0.1}, Eigen::Matrix3d::Zero(), Eigen::Isometry3d::Identity());
-  const Vector7 low = (Vector7() << -1.5, 1.6, 0, -0.4, 0, 1.6, 0).finished(), high = (Vector7() << 1.5, -1.2, 0.3, -2.4, 1, 2.4, 1.5).finished();
+  const Vector7 low = (Vector7() << -1.5, 1.6, 0, -0.4, 0, 1.6, 0).finished();
+  const Vector7 high = (Vector7() << 1.5, -1.2, 0.3, -2.4, 1, 2.4, 1.5).finished();
   const auto most_taken = [&](const auto& next) {
     reference = joints(low);
     gate.reset(reference);

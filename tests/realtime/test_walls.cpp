@@ -252,9 +252,9 @@ TEST(ArmCapsules, one_is_around_all_of_the_hand) {
   const ArmCapsules arm(models::arm("fr3"), true);
   const ArmCapsules::Capsule& hull = arm.all().back();
   EXPECT_EQ(hull.link, ArmCapsules::kFlange);
-  for (const Vector3& corner : {Vector3(0.0316, 0, 0.0005), Vector3(0, -0.104, 0.0057), Vector3(0.0213, 0.0943, 0.0089),
-                                Vector3(-0.0228, 0.0802, -0.0069), Vector3(0.0171, 0, 0.066), Vector3(0, 0.0975, 0.066),
-                                Vector3(-0.0192, 0.06, 0.06), Vector3(-0.0009, -0.0825, -0.0259)}) {
+  for (const Vector3& corner : {Vector3(-0.0316, -0.002, 0.0012), Vector3(0, -0.104, 0.0057), Vector3(0.0213, 0.0943, 0.0089),
+                                Vector3(-0.0228, 0.0802, -0.0069), Vector3(0.0171, -0.0893, 0.0636), Vector3(-0.0016, 0.0975, 0.0623),
+                                Vector3(0.0135, 0.0927, 0.0657), Vector3(-0.0009, -0.0825, -0.0259)}) {
     const Vector3 at = Eigen::AngleAxisd(models::hand::kYaw, Vector3::UnitZ()) * corner, way = hull.b - hull.a;
     const double along = std::clamp((at - hull.a).dot(way) / way.squaredNorm(), 0., 1.);
     EXPECT_LE((at - hull.a - along * way).norm(), hull.radius) << corner.transpose();

@@ -69,7 +69,8 @@ def capsules(with_base: bool = False) -> list[Capsule]:
     text = (REPOSITORY / "models" / "arm.cpp").read_text()
     (table,) = re.findall(r"kCapsules = \{\{(.*?)\}\};", text, re.DOTALL)
     if not with_base:
-        table += (REPOSITORY / "models" / "arm.hpp").read_text()  # the hull of the hand, which counts for walls alone
+        (hull,) = re.findall(r"kHandHull = (.*);", (REPOSITORY / "models" / "arm.hpp").read_text())
+        table += hull  # around the hand: it counts for walls alone
     rows = re.findall(r"\{(\d), \{([^}]*)\}, '(\w)', ([\d.]+), ([\d.]+)\}", table)
     found = []
     for link, centre, axis, radius, length in rows:
