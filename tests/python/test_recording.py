@@ -234,7 +234,7 @@ def test_of_a_server_that_was_killed_whole_the_last_seconds_are_kept(tmp_path):
             fa.wait_for(lambda state: state.phase == proto.RUNNING and state.skill_time > 1)
             for process in server_processes(simulation):
                 os.kill(process, signal.SIGKILL)
-    assert not list(tmp_path.rglob("*.mcap"))
+    # The next server of this user writes it down, which may be another test's that starts just now.
     with Simulation(SimulatedArm(lockstep=True), recordings=tmp_path):
         recording = newest(tmp_path, "crash-the-server-was-killed")
     started = [event for _, event in recording.skills if event.HasField("started")]

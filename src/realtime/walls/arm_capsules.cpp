@@ -38,24 +38,29 @@ bool ArmCapsules::hold(const Vector3& F_a, const Vector3& F_b, double radius) {
   return true;
 }
 
+// lazyProduct(), as Eigen's product of frames is a call for each part of it.
 void ArmCapsules::place(const Vector7& q, Place& out) const noexcept {
-  std::array<Eigen::Isometry3d, models::kJoints + 1> O_T;
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  for (int i = 0; i < models::kJoints; ++i) {
-    T = T * frames_[i];
-    out.origin[i] = T.translation();
-    out.axis[i] = T.linear().col(2);
+  std::array<Eigen::Matrix3d, models::kJoints + 1> R;
+  std::array<Vector3, models::kJoints + 1> p;
+  Eigen::Matrix3d R_before = Eigen::Matrix3d::Identity();
+  Vector3 p_before = Vector3::Zero();
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    p[i] = p_before + R_before.lazyProduct(frames_[i].translation());
+    R[i] = R_before.lazyProduct(frames_[i].linear());
+    if (i == models::kJoints) break;
+    out.origin[i] = p[i];
+    out.axis[i] = R[i].col(2);
     const double c = std::cos(q[i]), s = std::sin(q[i]);
-    const Vector3 x = T.linear().col(0), y = T.linear().col(1);
-    T.linear().col(0) = c * x + s * y;
-    T.linear().col(1) = c * y - s * x;
-    O_T[i] = T;
+    const Vector3 x = R[i].col(0), y = R[i].col(1);
+    R[i].col(0) = c * x + s * y;
+    R[i].col(1) = c * y - s * x;
+    R_before = R[i];
+    p_before = p[i];
   }
-  O_T[models::kJoints] = T * frames_[models::kJoints];
   for (std::size_t k = 0; k < capsules_.size(); ++k) {
     const Capsule& capsule = capsules_[k];
-    out.a[k] = O_T[capsule.link - 1] * capsule.a;
-    out.b[k] = O_T[capsule.link - 1] * capsule.b;
+    out.a[k] = p[capsule.link - 1] + R[capsule.link - 1].lazyProduct(capsule.a);
+    out.b[k] = p[capsule.link - 1] + R[capsule.link - 1].lazyProduct(capsule.b);
   }
 }
 

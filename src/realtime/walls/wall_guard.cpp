@@ -76,8 +76,8 @@ Walls* WallGuard::change(Walls* walls) noexcept {
 bool WallGuard::is_far(int capsule, int wall, const ArmCapsules::Place& place, double clearance) const noexcept {
   const Vector3 half = (place.b[capsule] - place.a[capsule]) / 2, middle = place.a[capsule] + half;
   const Shape& shape = walls_->walls[wall].shape;
-  const double least = clearance + half.norm() + walls_->arm.all()[capsule].radius;
-  return (middle - shape.O_T_S.translation()).norm() > least + reach_[wall] || least_distance(shape, middle) > least;
+  const double least = clearance + half.norm() + walls_->arm.all()[capsule].radius, both = least + reach_[wall];
+  return (middle - shape.O_T_S.translation()).squaredNorm() > both * both || least_distance(shape, middle) > least;
 }
 
 WallGuard::Contact WallGuard::contact(int capsule, int wall, const Nearest& found) const noexcept {
@@ -93,12 +93,14 @@ bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double cle
   contact_count_ = 0;
   bool all_clear = true;
   for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
-    double reach = 0;
+    // None of its points goes farther than an end.
+    std::array<double, kMostOnWay> gone;  // m
+    double reach = kNear;
     for (std::size_t k = 0; k < steps; ++k) {
-      reach = std::max({reach, (places_[k].a[capsule] - here_.a[capsule]).squaredNorm(),
-                        (places_[k].b[capsule] - here_.b[capsule]).squaredNorm()});
+      gone[k] = std::sqrt(std::max((places_[k].a[capsule] - here_.a[capsule]).squaredNorm(),
+                                   (places_[k].b[capsule] - here_.b[capsule]).squaredNorm()));
+      reach = std::max(reach, kDetour * gone[k] + kSlack);
     }
-    reach = std::max(kDetour * std::sqrt(reach) + kSlack, kNear);
     const double radius = arm.all()[capsule].radius;
     for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
       if (is_far(capsule, wall, here_, clearance + reach)) continue;
@@ -107,7 +109,7 @@ bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double cle
       const double enough = std::min(clearance, now.distance - radius) - kRounding;
       bool clear = true;
       for (std::size_t k = 0; k < steps && clear; ++k) {
-        if (is_far(capsule, wall, places_[k], enough)) continue;
+        if (now.distance - radius - gone[k] > enough || is_far(capsule, wall, places_[k], enough)) continue;
         clear = is_clear(shape, places_[k].a[capsule], places_[k].b[capsule], enough + radius);
       }
       if (!clear) wall_ = walls_->walls[wall].id;
