@@ -159,10 +159,10 @@ FIXED_ADDRESSES = $(shell setarch -R true 2> /dev/null && echo setarch -R)
 # The gate has the first what reads bytes from outside and the loop, and the second what several threads share.
 ROOMS_asan := wire realtime robot
 ROOMS_tsan := robot server
-ROOMS_asan-all := wire realtime robot server sim
+ROOMS_asan-all := wire realtime parts robot server sim
 ROOMS_tsan-all := robot server sim
 # Laws over long motions, whose code shorter tests run too: by the nightly ones only.
-LONG_asan := an_integral_is_stable|whatever_is_asked_for|next_to_singularities|PushedArm|PulledArm
+LONG_asan := whatever_is_asked_for|next_to_singularities|PushedArm|PulledArm
 
 asan asan-all tsan tsan-all: FOLDER = $(BUILD)/$(@:-all=)
 asan asan-all: $(BUILD)/asan/build.ninja

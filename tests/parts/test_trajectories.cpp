@@ -6,8 +6,6 @@
 #include <random>
 #include <string>
 
-#include "allocation_counter.hpp"
-#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/joint_range.hpp"
 #include "realtime/limiter.hpp"
@@ -16,6 +14,8 @@
 #include "realtime/trajectories/min_jerk_pose.hpp"
 #include "realtime/trajectories/relative_min_jerk_joint.hpp"
 #include "realtime/trajectories/relative_min_jerk_pose.hpp"
+#include "tests/realtime/allocation_counter.hpp"
+#include "tests/realtime/at_home.hpp"
 
 namespace {
 

@@ -8,7 +8,6 @@
 #include <string>
 #include <vector>
 
-#include "allocation_counter.hpp"
 #include "realtime/cholesky.hpp"
 #include "realtime/controllers/admittance.hpp"
 #include "realtime/controllers/felt_wrench.hpp"
@@ -22,7 +21,8 @@
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/symmetric_eigen.hpp"
-#include "simulated_arm.hpp"
+#include "tests/realtime/allocation_counter.hpp"
+#include "tests/realtime/simulated_arm.hpp"
 
 namespace {
 

@@ -3,9 +3,9 @@
 #include <cmath>
 #include <random>
 
-#include "allocation_counter.hpp"
 #include "realtime/trajectories/target_stream.hpp"
 #include "realtime/trajectories/velocity_stream.hpp"
+#include "tests/realtime/allocation_counter.hpp"
 
 namespace realtime {
 namespace {

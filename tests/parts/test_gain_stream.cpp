@@ -6,15 +6,15 @@
 #include <limits>
 #include <memory>
 
-#include "allocation_counter.hpp"
-#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/controllers/force_position.hpp"
 #include "realtime/controllers/gain_stream.hpp"
 #include "realtime/controllers/pass_through_joint_torque.hpp"
 #include "realtime/trajectories/stream_force_position.hpp"
-#include "simulated_arm.hpp"
+#include "tests/realtime/allocation_counter.hpp"
+#include "tests/realtime/at_home.hpp"
+#include "tests/realtime/simulated_arm.hpp"
 
 namespace realtime {
 namespace {

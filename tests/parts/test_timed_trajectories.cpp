@@ -9,8 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "allocation_counter.hpp"
-#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/limiter.hpp"
 #include "realtime/rotation.hpp"
@@ -30,6 +28,8 @@
 #include "realtime/trajectories/time_optimal_pose.hpp"
 #include "realtime/trajectories/timed_joint.hpp"
 #include "realtime/trajectories/timed_pose.hpp"
+#include "tests/realtime/allocation_counter.hpp"
+#include "tests/realtime/at_home.hpp"
 
 namespace {
 

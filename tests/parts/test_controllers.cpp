@@ -7,7 +7,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "allocation_counter.hpp"
 #include "realtime/cholesky.hpp"
 #include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/controllers/free_drive.hpp"
@@ -18,7 +17,8 @@
 #include "realtime/pose_joints.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/symmetric_eigen.hpp"
-#include "simulated_arm.hpp"
+#include "tests/realtime/allocation_counter.hpp"
+#include "tests/realtime/simulated_arm.hpp"
 
 namespace {
 

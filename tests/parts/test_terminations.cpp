@@ -5,7 +5,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "allocation_counter.hpp"
 #include "realtime/momentum_observer.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/terminations/composite.hpp"
@@ -20,7 +19,8 @@
 #include "realtime/terminations/wrench_above.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/trajectories/min_jerk_pose.hpp"
-#include "simulated_arm.hpp"
+#include "tests/realtime/allocation_counter.hpp"
+#include "tests/realtime/simulated_arm.hpp"
 
 namespace {
 

@@ -7,13 +7,13 @@
 #include <random>
 #include <vector>
 
-#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/joint_range.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/trajectories/joint_dmp.hpp"
 #include "realtime/trajectories/pose_dmp.hpp"
 #include "realtime/trajectories/quaternion_pose_dmp.hpp"
+#include "tests/realtime/at_home.hpp"
 
 namespace {
 

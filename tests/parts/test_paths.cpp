@@ -7,7 +7,6 @@
 #include <random>
 #include <string>
 
-#include "at_home.hpp"
 #include "models/arm.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/trajectories/impulse.hpp"
@@ -17,6 +16,7 @@
 #include "realtime/trajectories/pose_samples.hpp"
 #include "realtime/trajectories/pose_waypoints.hpp"
 #include "realtime/trajectories/time_optimal_joint.hpp"
+#include "tests/realtime/at_home.hpp"
 
 namespace {
 
