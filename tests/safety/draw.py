@@ -78,12 +78,16 @@ class Draw:
         if self.chance(0.4):
             judging = [d for _, d in kinds("termination") if trajectory.name in _DESCRIPTIONS[d.name].fits]
             ends.insert(0, self.part(self.one(judging)))
+        # Forces, and the like, leave torque alone.
+        robot_controller = self.one([*fitting, *["torque"] * len(fitting)] if "torque" in fitting else fitting)
+        if isinstance(ends[0], proto.Contact) and self.chance(0.7):
+            endings = [d for _, d in kinds("ending") if d.name != "Comply" or robot_controller == "torque"]
+            ends[0].then.Pack(self.part(self.one(endings)))
         return {
             "trajectory": self.part(trajectory),
             "controller": self.part(controller),
             "until": ends,
-            # Forces, and the like, leave torque alone.
-            "robot_controller": self.one([*fitting, *["torque"] * len(fitting)] if "torque" in fitting else fitting),
+            "robot_controller": robot_controller,
             "speed": self.one([1, 1, 1, self.uniform(0.1, 1)]),
         }
 
@@ -155,7 +159,7 @@ class Draw:
         for field in sorted(fields, key=_comes_first):
             rule = rule_of(field)
             if field.message_type is not None and not is_repeated(field):
-                continue  # what comes after a contact fits some robot controllers alone
+                continue  # what comes after a contact: skill() draws it
             if _may_be_left_out(field) and field is not given:
                 continue
             if _has_default(field) and field.name != "duration" and self.chance(0.4):

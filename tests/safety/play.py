@@ -354,8 +354,10 @@ class Player:
             self._say(f"{type(skill['trajectory']).__name__} with {law} in {skill.get('robot_controller', 'auto')} until {ends}")
 
     def _count(self, arguments: dict) -> None:
+        ends = arguments.get("until", ())
         them = [arguments[role] for role in ("trajectory", "controller") if role in arguments]
-        self._outcome.ran.update(type(part).__name__ for part in [*them, *arguments.get("until", ())])
+        self._outcome.ran.update(type(part).__name__ for part in [*them, *ends])
+        self._outcome.ran.update(end.then.TypeName().split(".")[-1] for end in ends if isinstance(end, proto.Contact) and end.HasField("then"))
 
     def _running(self):  # noqa: ANN202
         # What has not been waited for is only there.
