@@ -16,7 +16,6 @@ from collections.abc import Callable
 
 import zmq
 from google.protobuf.message import DecodeError
-from zmq.utils.monitor import recv_monitor_message
 
 from frankapy import proto
 from frankapy.client_key import ClientKey
@@ -66,6 +65,13 @@ def advised(text: str) -> str:
     """Return what a server says with the names of the calls that do what it advises."""
     advice = next((calls for words, calls in _ADVICE if words in text), None)
     return f"{text} (in Python: {advice})" if advice else text
+
+
+def is_unknown_key(monitor: zmq.Socket[bytes]) -> bool:
+    """Whether the event that waits there says that a server does not take this client's key."""
+    from zmq.utils.monitor import recv_monitor_message  # which imports asyncio, and that takes its time
+
+    return bool(recv_monitor_message(monitor)["event"] == zmq.EVENT_HANDSHAKE_FAILED_AUTH)
 
 
 def unknown_key(address: str, key: ClientKey | None) -> str:
@@ -273,7 +279,7 @@ class Channel:
                 if call is not None and call.answer(reply):
                     pending.pop(reply.request_id, None)
             if monitor in ready and not reason:
-                if recv_monitor_message(monitor)["event"] == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                if is_unknown_key(monitor):
                     reason = unknown_key(self.endpoint, self._key)
                     continue
                 how = self._how_it_ended()

@@ -13,7 +13,6 @@ import threading
 import time
 
 import zmq
-from zmq.utils.monitor import recv_monitor_message
 
 from frankapy import channel as channels
 from frankapy import proto
@@ -164,7 +163,7 @@ def arms_of(server: Server) -> proto.Arms:
                 answered = dealer in ready
                 if not answered and monitor in ready:
                     failures += 1
-                    if recv_monitor_message(monitor)["event"] == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                    if channels.is_unknown_key(monitor):
                         raise FrankaArmCommException(channels.unknown_key(server.address, server.key))
         if failures and not answered and server.key is not None:
             raise FrankaArmCommException(
