@@ -36,7 +36,8 @@ constexpr double kAlongShare = 0.85;
 constexpr double kAlongPlanShare = 0.7;
 constexpr double kAlongDriftShare = 0.35;
 // Nearer to a singularity than this (determinant of the Jacobian, 0.037 at home) the joints of a robot no longer go along as
-// foreseen, as it has to damp them: a pose is stopped before, and goes only away from it.
+// foreseen, as it has to damp them: a pose is stopped before, and goes only away from it. Where it begins at one (kSingular) it
+// stays, as even the slowest motion of it may be a fast one of the joints.
 constexpr double kLeastDeterminant = 1e-3;
 constexpr double kLeastPace = 1e-5;   // s to rest of a motion so slow that how it changes the map is rounding
 constexpr double kLeastAhead = 0.02;  // s, over which the change of the map is looked at, at least
@@ -597,6 +598,8 @@ struct Limiter::Impl : Motion {
     return own;
   }
 
+  bool is_singular() const noexcept { return has_along && along_robots && along_determinant < kSingular; }
+
   // The drift by what it may be, of the joint that has most of it.
   double drift_excess(const Vector6& P) const noexcept {
     const Vector7 all = drift(P);
@@ -938,6 +941,11 @@ bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcep
   m.before = m;
   if (wanted.motion != m.motion || !is_valid(wanted)) {
     brake(dt, out);
+    return true;
+  }
+  if (m.is_singular()) {
+    brake(dt, out);
+    m.watch(true);
     return true;
   }
   out.motion = m.motion;

@@ -22,6 +22,9 @@ namespace realtime {
 // limits from there. Free of allocation after construction; one call for each cycle of the robot.
 class Limiter {
  public:
+  // Of the determinant of the Jacobian of joints that a robot makes of a pose: below it that pose is not led at all.
+  static constexpr double kSingular = 5e-4;
+
   explicit Limiter(const models::Limits& limits);
   ~Limiter();
 

@@ -233,6 +233,7 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   cycle.q = Eigen::Map<const Vector7>(now.state.q.data());
   cycle.dq = Eigen::Map<const Vector7>(now.state.dq.data());
   cycle.O_T_EE = realtime::pose(now.state.O_T_EE);
+  if (skill->mode.cartesian()) check_is_led(arm.q, trajectory);
   const Reference start = skill->start_from(start_of(motion, now, after, arm.q));
   skill->trajectory->start(start);
   if (skill->trajectory->shortened()) {
@@ -245,6 +246,14 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
     check_cartesian_path(skill->trajectory, trajectory, cycle, start, {arm.q, skill->mode.cartesian(), skill->controller->posture()});
   }
   return skill;
+}
+
+// That the robot's joints may go along with a pose from there.
+void SkillBuilder::check_is_led(const Vector7& q, const std::string& kind) {
+  if (std::abs(model_->joints_of_pose(q).determinant) >= realtime::Limiter::kSingular) return;
+  refuse(fmt::format("{}: the arm is in a singular posture, [{:.4f}] rad, from which the robot's own joints cannot follow a pose: go "
+                     "away from it by joints first (goto_joints), or use the robot controller TORQUE",
+                     kind, fmt::join(q, ", ")));
 }
 
 void SkillBuilder::check_posture(const realtime::Skill& skill, const std::string& kind) const {

@@ -64,6 +64,7 @@ class SkillBuilder {
   // The greatest share of its velocity that leaves the joints room to come to rest; 0 if there is none.
   double rate_with_room(realtime::Reference pose, const realtime::JointsOfPose& joints, bool robots);
 
+  void check_is_led(const realtime::Vector7& q, const std::string& kind);
   void check_posture(const realtime::Skill& skill, const std::string& kind) const;
   void check_joints_of_pose(const realtime::JointsOfPose& joints, const realtime::Reference& pose, const std::string& kind,
                             double percent) const;

@@ -630,6 +630,51 @@ TEST_P(AnyArm, joints_that_follow_any_pose_keep_their_limits_next_to_singulariti
   EXPECT_GT(near, 1000);
 }
 
+TEST_P(AnyArm, joints_keep_their_limits_where_a_pose_begins_next_to_a_singularity) {
+  realtime::Model model(models::urdf(models::arm(GetParam().arm), GetParam().version));
+  model.set_tool(0, Vector3::Zero(), Eigen::Matrix3d::Zero(), Eigen::Isometry3d(Eigen::Translation3d(0, 0, 0.1034)));
+  int stayed = 0, left = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    Reference start;
+    start.joint.q << -0.265707, -0.928602, 0.530178, -1.765450, 1.137567, 2.075235, 1.223018;  // determinant 8e-5
+    start.joint.q += 0.01 * Vector7::Random();
+    Reference from;
+    from.motion = Channels::kPose;
+    const Eigen::Isometry3d pose = model.O_T_EE(start.joint.q);
+    from.cartesian.position = pose.translation();
+    from.cartesian.orientation = Eigen::Quaterniond(pose.linear());
+    realtime::Limiter limiter(limits);
+    limiter.reset(from);
+    RobotsJoints joints(model, start.joint.q);
+    JointJudge judge(limits, start);
+    Reference wanted, out = from;
+    realtime::Vector6 twist;
+    const double speed = std::pow(10, uniform(-4, -1));
+    twist << speed * direction(), speed * direction();
+    const auto determinant = [&] { return std::abs(model.joints_of_pose(joints.q).determinant); };
+    const bool singular = determinant() < realtime::Limiter::kSingular;
+    stayed += singular;
+    for (int k = 0; k < 3000; ++k) {
+      wanted = out;
+      wanted.cartesian.position += kDt * twist.head<3>();
+      wanted.cartesian.orientation = realtime::exp(kDt * twist.tail<3>()) * wanted.cartesian.orientation;
+      wanted.cartesian.velocity = twist;
+      limiter.joints_follow(model.joints_of_pose(joints.q), model.joints_of_pose(limiter.joints_ahead(joints.q)));
+      limiter.follow(wanted, kDt, out);
+      joints.follow(out.cartesian);
+      judge.see(joints.q);
+      ASSERT_TRUE(judge.obeyed()) << "trial " << trial << " cycle " << k << ": " << judge.text();
+    }
+    if (singular) {
+      EXPECT_EQ(out.cartesian.position, from.cartesian.position) << "trial " << trial;
+      EXPECT_FALSE(limiter.has_room());
+    }
+    left += determinant() > 1e-3;
+  }
+  EXPECT_GT(stayed, 5);
+  EXPECT_GT(left, 5);
+}
+
 TEST_P(AnyArm, torque_and_its_rate_stay_within_the_limits) {
   realtime::TorqueLimiter limiter(limits);
   Vector7 last = Vector7::Zero(), out;

@@ -142,6 +142,19 @@ TEST_F(SkillBuilderTest, PathsOutOfReachAreRefused) {
   EXPECT_TRUE(text.starts_with("MinJerkPose: its path, ")) << text;
 }
 
+// The robot's own joints could not follow; those that are ours can.
+TEST_F(SkillBuilderTest, PosesOfTheRobotsJointsDoNotBeginInASingularPosture) {
+  const auto model = fr3_model();
+  const realtime::Vector7 q{-0.265707, -0.928602, 0.530178, -1.765450, 1.137567, 2.075235, 1.223018};
+  Eigen::Map<realtime::Vector7>(now_.state.q.data()) = q;
+  Eigen::Map<Eigen::Matrix4d>(now_.state.O_T_EE.data()) = model->O_T_EE(q).matrix();
+  proto::StreamCartesianVelocity stream;
+  stream.set_topic("where");
+  const std::string text = error_of(skill_of(stream, proto::InternalImpedance()));
+  EXPECT_TRUE(text.starts_with("StreamCartesianVelocity: the arm is in a singular posture, [-0.2657, ")) << text;
+  EXPECT_EQ(error_of(skill_of(stream, proto::CartesianImpedance())), "no error");
+}
+
 // Towards goals in all directions, much faster than the joints may: as fast as they may then, on the same way, smoothly.
 TEST_F(SkillBuilderTest, AFarPoseIsPacedByItsJoints) {
   const auto model = fr3_model();
