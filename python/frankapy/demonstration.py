@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 _RATE = 100.0  # Hz, of the poses in lists of scripts, which have no times
 _LONGEST_GAP = 0.5  # s between samples, which nothing is known of
-_FASTEST = 3.0  # m/s, and of joints 5 rad/s: no arm does that
-_FASTEST_JOINT = 5.0
+_FASTEST = 3.0  # m/s: no arm does that
+_FASTEST_JOINT = 5.0  # rad/s
+_FASTEST_TURN = 10.0  # rad/s
 _REST_JOINT, _REST = 0.02, 0.005  # rad/s and m/s, below which nobody moves the arm
 _MARGIN = 0.1  # s of rest that a segment keeps at both ends
 _FORMAT = "frankapy demonstration 1"
@@ -88,6 +89,12 @@ class Demonstration:
             signs = np.cumprod(np.where(np.sum(self.orientations[1:] * self.orientations[:-1], axis=1) < 0, -1, 1))
             self.orientations = self.orientations / norms[:, None]
             self.orientations[1:] *= signs[:, None]  # q and -q are one orientation
+            turns = 2 * np.arccos(np.minimum(np.sum(self.orientations[1:] * self.orientations[:-1], axis=1), 1))
+            if np.any(turns > _FASTEST_TURN * steps):
+                i = int(np.argmax(turns / steps))
+                raise FrankaArmArgumentError(
+                    f"orientations turn by {turns[i]:.3f} rad in {steps[i]:.4f} s at {self.times[i]:.2f} s: no arm does that"
+                )
 
     # --- from somewhere -----------------------------------------------------------------------------------------------
 
@@ -129,18 +136,21 @@ class Demonstration:
 
     @classmethod
     def _of_script(cls, path: Path, data: Any) -> Demonstration:
-        if isinstance(data, list) and data and all(isinstance(pose, _PickledPose) for pose in data):
-            poses = np.array([pose.matrix for pose in data])
-            return cls(np.arange(len(poses)) / _RATE, None, poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
         skill = next(iter(data.values()), None) if isinstance(data, dict) else None
         states = skill.get("skill_state_dict") if isinstance(skill, dict) else None
-        if not isinstance(states, dict) or not {"q", "O_T_EE", "time_since_skill_started"} <= states.keys():
-            raise FrankaArmArgumentError(
-                f"{path} holds neither a list of poses nor what record_trajectory.py writes (a dictionary with skill_state_dict, in it q, "
-                "O_T_EE and time_since_skill_started)"
-            )
-        poses = np.asarray(states["O_T_EE"], dtype=float).reshape(-1, 4, 4)
-        return cls(states["time_since_skill_started"], states["q"], poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
+        try:
+            if isinstance(data, list) and data and all(isinstance(pose, _PickledPose) for pose in data):
+                poses = np.array([pose.matrix for pose in data])
+                return cls(np.arange(len(poses)) / _RATE, None, poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
+            if isinstance(states, dict) and {"q", "O_T_EE", "time_since_skill_started"} <= states.keys():
+                poses = np.asarray(states["O_T_EE"], dtype=float).reshape(-1, 4, 4)
+                return cls(states["time_since_skill_started"], states["q"], poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
+        except (AttributeError, IndexError, TypeError, ValueError) as error:
+            raise FrankaArmArgumentError(f"{path} holds no motion of an arm: {error}") from None
+        raise FrankaArmArgumentError(
+            f"{path} holds {held(data)}: expected a list of poses, or what record_trajectory.py writes (a dictionary with "
+            "skill_state_dict, in it q, O_T_EE and time_since_skill_started)"
+        )
 
     def save(self, path: str | Path) -> None:
         """Write it as a NumPy archive (.npz)."""
@@ -290,6 +300,15 @@ def unpickle(path: Path, data: bytes) -> Any:
         return _Unpickler(io.BytesIO(data), encoding="latin1").load()
     except Exception as error:  # a broken pickle raises whatever it likes
         raise FrankaArmArgumentError(f"{path} cannot be read as a pickle of arrays: {error}") from None
+
+
+def held(data: Any) -> str:
+    """Name what a pickle holds."""
+    if isinstance(data, dict):
+        return f"a dictionary with {', '.join(map(str, data))}" if data else "an empty dictionary"
+    if isinstance(data, list):
+        return f"a list of {type(data[0]).__name__}" if data else "an empty list"
+    return f"a {type(data).__name__}"
 
 
 def _array(name: str, values: Any, dimensions: int) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from google.protobuf.message import Message
 
 from frankapy import proto
-from frankapy.demonstration import Demonstration, read_npz, unpickle, write_npz
+from frankapy.demonstration import Demonstration, held, read_npz, unpickle, write_npz
 from frankapy.dmp_dictionaries import KEYS
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
@@ -68,6 +68,20 @@ class Primitive:
     quat_alpha: float = _QUAT_ALPHA
     rms_angle: float = 0.0
 
+    def __post_init__(self) -> None:
+        if self.kind not in _KINDS:
+            raise FrankaArmArgumentError(f"kind is {self.kind!r}: expected one of {', '.join(_KINDS)}")
+        dimensions, basis = (7 if self.kind == "joint" else 3), np.size(self.mu)
+        sensors = np.shape(self.weights)[1] if np.ndim(self.weights) == 3 else 1
+        shapes = {"start": (dimensions,), "mu": (basis,), "h": (basis,), "weights": (dimensions, sensors, basis)}
+        if self.kind == "pose":
+            quat_basis = np.size(np.asarray(self.quat_mu))
+            shapes |= {"start_orientation": (4,), "goal_orientation": (4,), "quat_mu": (quat_basis,), "quat_h": (quat_basis,)}
+            shapes["quat_weights"] = (3, 1, quat_basis)
+        for name, expected in shapes.items():
+            if np.shape(getattr(self, name)) != expected:
+                raise FrankaArmArgumentError(f"{name} has the shape {np.shape(getattr(self, name))}: expected {expected}")
+
     @property
     def goal(self) -> np.ndarray:
         """Where it ends when it begins at `start`; rad (7,), or m (3,)."""
@@ -87,7 +101,7 @@ class Primitive:
         Args:
             duration: s; None: as long as it was learned.
             start: where the arm is when it begins, which `goal` is counted from: rad (7,), or m (3,); None: as it was learned.
-            goal: where it is to end; None: as far from the start as it was learned.
+            goal: where it is to end with `sensor_values`; None: as far from the start as it was learned.
             goal_orientation: w, x, y, z, of a pose; None: as it was learned.
             sensor_values: weights of the sensors, (sensors,) or of each dimension (dimensions, sensors); None: 1.
             topic: over which proto.DmpSensorValues, in the order of `sensor_values` of each dimension (of joints: of the sensors),
@@ -98,7 +112,7 @@ class Primitive:
         T = self.duration if duration is None else number("duration", duration)
         if not 0.01 <= T <= 120:
             raise FrankaArmArgumentError(f"duration is {T:g} s: expected 0.01 to 120 s")
-        weights = self._weights_to(start, goal)
+        weights = self._weights_to(start, goal, sensor_values)
         values: dict[str, Any] = dict(weights=weights.ravel(), duration=T)
         if sensor_values is not None:
             values["initial_sensor_values"] = self._sensor_values(sensor_values)
@@ -126,9 +140,8 @@ class Primitive:
     def rollout(self, duration: float | None = None, start: Any = None, goal: Any = None, sensor_values: Any = None) -> Rollout:
         """Return times (n,) s and what `part` of the same arguments commands then: rad (n, 7), or m (n, 3)."""
         T = self.duration if duration is None else number("duration", duration)
-        weights = self._weights_to(start, goal)
-        sensors = np.ones(weights.shape[:2]) if sensor_values is None else self._sensor_values(sensor_values).reshape(-1, weights.shape[1])
-        y = self._rollout((weights * np.broadcast_to(sensors, weights.shape[:2])[:, :, None]).sum(axis=1), T)
+        weights = self._weights_to(start, goal, sensor_values)
+        y = self._rollout((weights * self._sensors(sensor_values)).sum(axis=1), T)
         begin = self.start if start is None else vector("start", start, len(self.start))
         return np.linspace(0, T, len(y)), begin + y
 
@@ -147,7 +160,13 @@ class Primitive:
         return _product(_exp(r), end)
 
     def beyond(
-        self, fa: FrankaArm, duration: float | None = None, start: Any = None, goal: Any = None, sensor_values: Any = None
+        self,
+        fa: FrankaArm,
+        duration: float | None = None,
+        start: Any = None,
+        goal: Any = None,
+        goal_orientation: Any = None,
+        sensor_values: Any = None,
     ) -> list[str]:
         """Return what of its rollout the connected arm cannot do as it is, a line each; where it is too fast it gets slower.
 
@@ -157,7 +176,7 @@ class Primitive:
         limits = fa.limits
         if self.kind != "joint":
             rows = np.linspace(0, len(y) - 1, _WAYPOINTS).round().astype(int)
-            orientations = self.orientations(duration)[rows] if self.kind == "pose" else [fa.get_pose(False).quaternion] * _WAYPOINTS
+            orientations = self.orientations(duration, goal=goal_orientation)[rows] if self.kind == "pose" else [fa.get_pose(False).quaternion] * _WAYPOINTS
             joints = fa.get_joints()
             path: list[np.ndarray] = []
             for position, orientation in zip(y[rows], orientations, strict=True):
@@ -185,18 +204,20 @@ class Primitive:
         duration: float | None = None,
         sensor_values: Any = None,
         limits: Limits | None = None,
+        start: Any = None,
+        goal_orientation: Any = None,
     ) -> Figure:
         """Draw what `part` of the same arguments commands over what it was learned from. Needs matplotlib.
 
-        With `limits` (`fa.limits`) the range of joints that come near to it is dashed. Orientations are drawn as rotation vectors
-        from where it ends.
+        With `limits` (`fa.limits`) the range of joints that come near to it is dashed; of the tool's motions `beyond` tells.
+        Orientations are drawn as rotation vectors from where it was learned to end.
         """
         from matplotlib.figure import Figure
 
-        t, y = self.rollout(duration, goal=goal, sensor_values=sensor_values)
+        t, y = self.rollout(duration, start, goal, sensor_values)
         names = [f"joint {i + 1} [rad]" for i in range(7)] if self.kind == "joint" else [f"{axis} [m]" for axis in "xyz"]
         if self.kind == "pose":
-            y = np.hstack([y, self._turns(self.orientations(duration))])
+            y = np.hstack([y, self._turns(self.orientations(duration, goal=goal_orientation))])
             names += [f"about {axis} [rad]" for axis in "xyz"]
         figure = Figure(figsize=(8, 1.6 * len(names) + 1), layout="constrained")
         axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
@@ -218,17 +239,23 @@ class Primitive:
         return figure
 
     def _turns(self, orientations: np.ndarray) -> np.ndarray:
-        """Rotation vectors (n, 3) of orientations from the goal."""
+        """Rotation vectors (n, 3) of orientations from the learned goal."""
         return _unwrapped(_log(_between(orientations, np.asarray(self.goal_orientation))))
 
     def save(self, path: str | Path) -> None:
-        """Write it as a NumPy archive (.npz), or as what old scripts read (.pkl): their dictionary, of a pose two of them."""
+        """Write it as a NumPy archive (.npz), or as the dictionary that old scripts read (.pkl); of a pose two files, NAME-position.pkl
+        and NAME-quaternion.pkl, beside which they want `goal_orientation` and `duration`.
+        """
         path = Path(path)
         if path.suffix == ".pkl":
             import pickle
 
-            info = self.info
-            path.write_bytes(pickle.dumps(info if self.kind != "pose" else {"position": info, "quaternion": self.quat_info}))
+            files = {path: self.info}
+            if self.kind == "pose":
+                files = {path.with_name(f"{path.stem}-{name}.pkl"): info for name, info in
+                         (("position", self.info), ("quaternion", self.quat_info))}
+            for file, info in files.items():
+                file.write_bytes(pickle.dumps(info))
             return
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_npz(path, _FORMAT, {name: np.asarray(value) for name, value in fields.items() if value is not None})
@@ -237,6 +264,8 @@ class Primitive:
     def load(cls, path: str | Path) -> Primitive:
         """Read what `save` wrote as .npz. Dictionaries of old scripts (.pkl) are read by `load_script`."""
         path = Path(path)
+        if path.suffix == ".pkl":
+            raise FrankaArmArgumentError(f"{path} is a pickle: dmp.load_script reads those of old scripts, for fa.execute_joint_dmp and the like")
         try:
             data = path.read_bytes()
         except OSError as error:
@@ -248,6 +277,8 @@ class Primitive:
             return cls(**values)
         except TypeError as error:
             raise FrankaArmArgumentError(f"{path} lacks what a primitive has: {error}") from None
+        except FrankaArmArgumentError as error:
+            raise FrankaArmArgumentError(f"{path} is a broken primitive: {error.message}") from None
 
     @property
     def info(self) -> dict[str, Any]:
@@ -282,20 +313,30 @@ class Primitive:
         force = lambda t: _features(t, tau, self.mu, self.h) @ weights.T  # noqa: E731
         return _spring(force, duration, stiffness, self.alpha * tau, stiffness, np.zeros(len(weights)))
 
-    def _weights_to(self, start: Any, goal: Any) -> np.ndarray:
+    def _weights_to(self, start: Any, goal: Any, sensor_values: Any) -> np.ndarray:
         """The weights with which a rollout from `start` ends at `goal`."""
         if goal is None:
             return self.weights
         begin = self.start if start is None else vector("start", start, len(self.start))
         end = vector("goal", goal, len(self.start))
-        weights = self.weights.copy()
+        sensors = self._sensors(sensor_values)
+        total = sensors[:, :, 0].sum(axis=1)
+        if np.any(np.abs(total) < 1e-6):
+            raise FrankaArmArgumentError(f"sensor_values are {sensor_values}, of a sum of 0: a goal cannot be reached with them")
         # The first basis function alone leads from the start to the goal; how far by its end, the spring tells.
         first = np.zeros((1, len(self.mu)))
         first[0, 0] = 1
         reached = self._rollout(first, self.duration)[-1, 0]
-        missing = end - begin - self._rollout(weights.sum(axis=1), self.duration)[-1]
-        weights[:, :, 0] += (missing / reached / weights.shape[1])[:, None]
+        missing = end - begin - self._rollout((self.weights * sensors).sum(axis=1), self.duration)[-1]
+        weights = self.weights.copy()
+        weights[:, :, 0] += (missing / reached / total)[:, None]
         return weights
+
+    def _sensors(self, values: Any) -> np.ndarray:
+        """By what the weights of each dimension and sensor count, (dimensions, sensors, 1)."""
+        shape = self.weights.shape[:2]
+        sensors = np.ones(shape) if values is None else self._sensor_values(values).reshape(-1, shape[1])
+        return np.broadcast_to(sensors, shape)[:, :, None]
 
     def _sensor_values(self, values: Any) -> np.ndarray:
         sensors, dimensions = self.weights.shape[1], self.weights.shape[0]
@@ -308,7 +349,7 @@ class Primitive:
 
 def fit(
     demonstrations: Demonstration | Sequence[Demonstration],
-    kind: Kind,
+    kind: Kind = "joint",
     basis: int = 25,
     method: Literal["ridge", "local"] = "ridge",
     ridge: float = 1e-8,
@@ -324,7 +365,7 @@ def fit(
             itself from where its function is large (locally weighted regression), with which few of them matter less.
         ridge: share of the mean square of the basis functions.
 
-    Raises FrankaArmArgumentError where a demonstration lacks what the kind needs.
+    Raises FrankaArmArgumentError where a demonstration lacks what the kind needs, or turns by more than 180 degrees from its goal.
     """
     listed = _listed(demonstrations)
     if kind not in _KINDS:
@@ -348,9 +389,10 @@ def fit(
     forces = [y + (_rate(_rate(y, step), step) + damping * _rate(y, step)) / stiffness for y in ways]
     weights = _solve(_features(t, tau, mu, h), np.mean(forces, axis=0), method, ridge, first=True)
     start = np.mean([_values(each, kind)[0] for each in even], axis=0)
-    primitive = Primitive(kind, T, start, mu, h, weights[:, None, :])
+    orientation = _learn_orientation(even, t, basis, method, ridge) if kind == "pose" else {}
+    primitive = Primitive(kind, T, start, mu, h, weights[:, None, :], **orientation)
     if kind == "pose":
-        _fit_orientation(primitive, even, t, basis, method, ridge)
+        primitive.rms_angle = _rms_angle(primitive, even)
     times, rollout = primitive.rollout()
     made = np.column_stack([np.interp(t, times, column) for column in rollout.T]) - start
     errors = [made - way for way in ways]
@@ -369,8 +411,7 @@ def load_script(path: str | Path) -> dict[str, Any]:
     except OSError as error:
         raise FrankaArmArgumentError(f"{path} cannot be read: {error.strerror}") from None
     if not isinstance(data, dict) or not set(KEYS) <= data.keys():
-        held = f"a dictionary with {', '.join(map(str, data))}" if isinstance(data, dict) else f"a {type(data).__name__}"
-        raise FrankaArmArgumentError(f"{path} holds {held}: expected a dictionary with {', '.join(KEYS)}")
+        raise FrankaArmArgumentError(f"{path} holds {held(data)}: expected a dictionary with {', '.join(KEYS)}")
     return data
 
 
@@ -439,25 +480,38 @@ def _solve(features: np.ndarray, force: np.ndarray, method: str, ridge: float, f
     return weights.T
 
 
-def _fit_orientation(
-    primitive: Primitive, even: Sequence[Demonstration], t: np.ndarray, basis: int, method: str, ridge: float
-) -> None:
-    T, step = primitive.duration, t[1]
+def _learn_orientation(even: Sequence[Demonstration], t: np.ndarray, basis: int, method: str, ridge: float) -> dict[str, Any]:
+    """The fields of a primitive that are of its orientation."""
+    T, step = float(t[-1]), t[1]
     mu, h = _centres(np.exp(-np.arange(basis) / (basis - 1)))
-    stiffness, damping = primitive.quat_alpha**2 / 4 / T**2, primitive.quat_alpha / T
-    forces = []
+    stiffness, damping = _QUAT_ALPHA**2 / 4 / T**2, _QUAT_ALPHA / T
+    shown = [np.asarray(each.orientations) for each in even]
+    turns = [_unwrapped(_log(_between(each, each[-1]))) for each in shown]
+    for r in turns:
+        if (turn := float(np.linalg.norm(r[0]))) > math.pi:
+            raise FrankaArmArgumentError(
+                f"A demonstration turns by {math.degrees(turn):.0f} degrees from its goal: expected at most 180, beyond which the other way "
+                "round is the shorter one. cut() it in two, or learn joints"
+            )
+    forces = [T**2 * (_rate(_rate(r, step), step) + damping * _rate(r, step) + stiffness * r) for r in turns]
+    weights = _solve(_gaussians(np.exp(-t / T), mu, h), np.mean(forces, axis=0), method, ridge, first=False)
+    goal = _product(_exp(np.mean([_log(_between(each[-1], shown[0][-1])) for each in shown], axis=0)), shown[0][-1])
+    return dict(
+        start_orientation=_product(_exp(np.mean([r[0] for r in turns], axis=0)), goal), goal_orientation=goal,
+        quat_mu=mu, quat_h=h, quat_weights=weights[:, None, :],
+    )  # fmt: skip
+
+
+def _rms_angle(primitive: Primitive, even: Sequence[Demonstration]) -> float:
+    """How far its orientations are from those of demonstrations, each counted from its start; rad."""
+    made = primitive.orientations()
+    made = _between(made, made[0])
+    errors = []
     for each in even:
-        r = _unwrapped(_log(_between(each.orientations, each.orientations[-1])))  # type: ignore[index,arg-type]
-        forces.append(T**2 * (_rate(_rate(r, step), step) + damping * _rate(r, step) + stiffness * r))
-    features = _gaussians(np.exp(-t / T), mu, h)
-    primitive.quat_mu, primitive.quat_h = mu, h
-    primitive.quat_weights = _solve(features, np.mean(forces, axis=0), method, ridge, first=False)[:, None, :]
-    primitive.start_orientation = even[0].orientations[0]  # type: ignore[index]
-    primitive.goal_orientation = even[0].orientations[-1]  # type: ignore[index]
-    turned = primitive.orientations()
-    shown = even[0].resampled(len(turned)).orientations
-    cosines = np.abs(np.sum(turned * shown, axis=1))
-    primitive.rms_angle = float(np.sqrt(np.mean(np.square(2 * np.arccos(np.minimum(cosines, 1))))))
+        shown = np.asarray(each.resampled(len(made)).orientations)
+        cosines = np.abs(np.sum(made * _between(shown, shown[0]), axis=1))
+        errors.append(2 * np.arccos(np.minimum(cosines, 1)))
+    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def _rate(values: np.ndarray, step: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 
 class _Silent:
-    """Stands in where nobody looks, or tqdm is not there."""
+    """Stands in where nobody looks."""
 
     n = 0
 
@@ -25,8 +25,6 @@ def progress(total: float, text: str, unit: str) -> Any:
     """Return a bar on the terminal's standard error, to be used with `with`; it shows itself after half a second."""
     if not sys.stderr.isatty():
         return _Silent()
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return _Silent()
+    from tqdm import tqdm  # which takes its time
+
     return tqdm(total=total, desc=text, unit=unit, unit_scale=True, delay=0.5, leave=False)

@@ -34,6 +34,11 @@ class RigidTransform:
         self.from_frame = from_frame
         self.to_frame = to_frame
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # autolab_core's pickles have all of it with underscores.
+        fields = {name.lstrip("_"): value for name, value in state.items()}
+        self.__init__(*(fields[name] for name in ("rotation", "translation", "from_frame", "to_frame")))  # type: ignore[misc]
+
     @property
     def rotation(self) -> np.ndarray:
         """Rotation matrix, (3, 3)."""

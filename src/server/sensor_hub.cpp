@@ -212,11 +212,20 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
   const std::string kind = kind_of(message.message());
   std::vector<realtime::SensorSample> samples;
   bool heard = false, taken = false, dropped = false, behind = false;
+  const auto listens = [&](const Listener& listener) { return listener.input->topic() == message.topic() && !waits(listener); };
+  // What some part wants of a kind is nothing for those that take any: they would be kept content by what nobody can use.
+  const bool of_kinds = std::any_of(listeners_.begin(), listeners_.end(), [&](const Listener& listener) {
+    return listens(listener) && takes(listener, from.name) && !listener.input->messages().empty();
+  });
+  const bool wanted = !of_kinds || std::any_of(listeners_.begin(), listeners_.end(), [&](const Listener& listener) {
+    const auto& messages = listener.input->messages();
+    return listens(listener) && takes(listener, from.name) && std::find(messages.begin(), messages.end(), kind) != messages.end();
+  });
   std::string expected, publishers;
   try {
     for (const Listener& listener : listeners_) {
       realtime::SensorInput& input = *listener.input;
-      if (input.topic() != message.topic() || waits(listener)) continue;
+      if (!listens(listener)) continue;
       heard = true;
       if (!takes(listener, from.name)) {
         publishers = fmt::format("{}", fmt::join(*listener.publishers, ", "));
@@ -228,6 +237,7 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
         expected += (expected.empty() ? "" : ", ") + fmt::format("{}", fmt::join(messages, ", "));
         continue;
       }
+      if (!wanted) continue;
       taken = true;
       if (overtaken(topic, listener, kind, sent, longer)) {
         behind = true;

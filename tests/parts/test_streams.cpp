@@ -54,6 +54,34 @@ TEST(TargetStream, PassesTargetsOfASmoothMotionAfterTheDelay) {
   EXPECT_LT(watch.judge().most_error, 5e-4);
 }
 
+TEST(TargetStream, TheLongestDelayIsKeptAtTheHighestRate) {
+  Stream stream(1.0, 0, kRates);
+  stream.start({});
+  Watch watch{1.0, {}, 2.0};
+  for (int i = 0; i < 5000; ++i) {
+    const double t = i * kTick;
+    stream.add(t, {wave(t), t, 0, false});
+    watch.x.push_back(stream.at(t).x);
+  }
+  EXPECT_LT(watch.judge().most_error, 1e-5);
+}
+
+// Each of 200 targets in 2 s, as long as there may be.
+TEST(TargetStream, ChunksThatExtendEachOtherAreAllPassed) {
+  Stream stream(std::nullopt, 0, kRates);
+  stream.start({});
+  Watch watch{0, {}, 0.5};
+  for (int i = 0; i < 5500; ++i) {
+    const double t = i * kTick;
+    for (int k = 1; i < 3 && k <= 200; ++k) {
+      const double lead = 2.0 * i + 0.01 * k;
+      stream.add(t, {wave(lead), 0, lead, false});
+    }
+    watch.x.push_back(stream.at(t).x);
+  }
+  EXPECT_LT(watch.judge().most_error, 5e-4);
+}
+
 TEST(TargetStream, IsSmoothWhateverTheNetworkDoes) {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> jitter(-0.3, 0.3), way(0, 0.03), lost(0, 1);

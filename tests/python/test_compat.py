@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import types
 
 import numpy as np
 import pytest
@@ -373,6 +374,24 @@ def test_log_lines_and_topics_of_ones_own():
         assert list(p.data) == [1, 2, 4] and p.frame == "world"
     """)
     assert "]: 7 joints" in out and out.count("only once") == 1 and "not this" not in out
+
+
+def test_poses_that_a_lab_has_pickled_are_read_without_autolab_core(tmp_path, monkeypatch):
+    name = "autolab_core.rigid_transformations"
+    module = types.ModuleType(name)
+    module.RigidTransform = type("RigidTransform", (), {"__module__": name})  # as the real one writes itself
+    monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setitem(sys.modules, "autolab_core", types.ModuleType("autolab_core"))
+    pose = module.RigidTransform()
+    vars(pose).update(_rotation=np.eye(3), _translation=np.array([0.4, 0, 0.3]), _from_frame="franka_tool", _to_frame="world")
+    (tmp_path / "poses.pkl").write_bytes(pickle.dumps([pose]))
+    run_script(f"""
+        import pickle
+        from frankapy import RigidTransform
+        (pose,) = pickle.load(open({str(tmp_path / "poses.pkl")!r}, "rb"))
+        assert type(pose) is RigidTransform
+        assert list(pose.translation) == [0.4, 0, 0.3] and (pose.from_frame, pose.to_frame) == ("franka_tool", "world")
+    """)
 
 
 STREAM = """

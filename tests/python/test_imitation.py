@@ -80,6 +80,7 @@ def test_smoothing_takes_the_tremor_and_leaves_the_motion():
         (lambda: Demonstration([0, 0.1]), "neither joints nor positions"),
         (lambda: Demonstration([0, 0.1], None, np.zeros((2, 3)), np.zeros((2, 4))), "norms of 0.000 to 0.000"),
         (lambda: Demonstration([0, 0.1], None, None, np.tile([1, 0, 0, 0], (2, 1))), "neither joints nor positions"),
+        (lambda: Demonstration([0, 0.01], None, np.zeros((2, 3)), np.eye(4)[:2]), "orientations turn by 3.142 rad in 0.0100 s"),
         (lambda: Demonstration([0, 0.1], "far"), "joints are no numbers"),
         (lambda: bow().smooth(10), "width is 10 s"),
         (lambda: bow().cut(5, 6), "0 samples of 600 are there"),
@@ -92,6 +93,9 @@ def test_smoothing_takes_the_tremor_and_leaves_the_motion():
         (lambda: dmp.fit(bow(), "joint").part(goal=[1, 2]), "goal has 2 elements: expected 7"),
         (lambda: dmp.fit(bow(), "joint").part(sensor_values=[1, 2]), r"sensor_values has the shape \(2,\): expected \(1,\)"),
         (lambda: dmp.fit(bow(), "joint").orientations(), "it has no orientation"),
+        (lambda: dmp.fit(turn(np.radians(200)), "pose"), "turns by 200 degrees from its goal: expected at most 180"),
+        (lambda: dmp.fit(bow()).part(goal=HOME, sensor_values=[0]), "a goal cannot be reached with them"),
+        (lambda: dmp.Primitive("joint", 1, HOME, np.ones(3), np.ones(2), np.ones((7, 1, 3))), r"h has the shape \(2,\): expected \(3,\)"),
     ],
 )
 def test_what_cannot_be_learned_from_is_refused(make, text):
@@ -121,7 +125,11 @@ def test_files_are_read_back_and_pickles_run_nothing(tmp_path, capsys):
     for name, data, text in (
         ("evil.pkl", pickle.dumps([Evil()]), "print, which is not made from files"),
         ("broken.pkl", pickle.dumps(poses)[:-20], "cannot be read as a pickle"),
-        ("other.pkl", pickle.dumps({"a": 1}), "neither a list of poses nor"),
+        ("other.pkl", pickle.dumps({"a": 1}), "holds a dictionary with a: expected a list of poses, or"),
+        ("text.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": "far"}}}), "text.pkl holds no motion of an arm: could not"),
+        ("short.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": np.zeros((3, 15))}}}), "short.pkl holds no motion"),
+        ("zeros.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": np.zeros((3, 16))}}}), "this is no rotation matrix"),
+        ("gap.pkl", pickle.dumps({0: {"skill_state_dict": states | {"time_since_skill_started": [0, 1, 2]}}}), "a gap of 1.00 s"),
         ("garbage.npz", b"PK\x03\x04garbage", "archive"),
         ("broken.npz", (tmp_path / "a.npz").read_bytes()[:500], "archive"),
         ("nothing.npz", None, "cannot be read: No such file"),
@@ -158,9 +166,12 @@ def test_a_new_goal_is_reached_from_a_new_start():
     np.testing.assert_allclose(y[0], start)
     np.testing.assert_allclose(y[-1], goal, atol=1e-9)
     np.testing.assert_allclose(primitive.goal, turn(1.0).positions[-1], atol=1e-3)
+    for sensors in ([0.5], [[2], [0.3], [1]]):
+        y = primitive.rollout(start=start, goal=goal, sensor_values=sensors)[1]
+        np.testing.assert_allclose(y[-1], goal, atol=1e-9)
 
 
-@pytest.mark.parametrize("degrees", [20, 150, -170])
+@pytest.mark.parametrize("degrees", [20, 150, -170, 179])
 def test_orientations_turn_by_more_than_120_degrees(degrees):
     demonstration = turn(np.radians(degrees))
     primitive = dmp.fit(demonstration, "pose")
@@ -183,6 +194,16 @@ def test_of_several_demonstrations_the_mean_is_learned():
     assert 0.05 < primitive.rms < 0.1  # they differ by that
 
 
+def test_of_several_demonstrations_that_turn_differently_the_error_says_so():
+    one, other = turn(1.0), turn(1.0 + np.radians(40))
+    primitive = dmp.fit([one, other], "pose")
+    middle = turn(1.0 + np.radians(20))
+    q = primitive.orientations()
+    assert np.degrees(angle_between(q, middle.resampled(len(q)).orientations).max()) < 0.5
+    assert 5 < np.degrees(primitive.rms_angle) < 20  # 20 degrees at the end, nothing at the start
+    assert np.degrees(dmp.fit([one, one], "pose").rms_angle) < 0.5
+
+
 def test_primitives_are_written_and_read_and_old_scripts_find_their_dictionaries(tmp_path):
     primitive = dmp.fit(turn(1.0), "pose")
     primitive.save(tmp_path / "p.npz")
@@ -191,12 +212,14 @@ def test_primitives_are_written_and_read_and_old_scripts_find_their_dictionaries
     np.testing.assert_array_equal(again.orientations(), primitive.orientations())
     assert repr(again) == repr(primitive)
     primitive.save(tmp_path / "p.pkl")
-    both = pickle.loads((tmp_path / "p.pkl").read_bytes())
-    (tmp_path / "position.pkl").write_bytes(pickle.dumps(both["position"]))
-    info = dmp.load_script(tmp_path / "position.pkl")
-    assert info["num_basis"] == 25 and np.size(info["weights"]) == 75
-    with pytest.raises(FrankaArmArgumentError, match="holds a dictionary with position, quaternion: expected a dictionary with tau"):
-        dmp.load_script(tmp_path / "p.pkl")
+    for part in ("position", "quaternion"):
+        info = dmp.load_script(tmp_path / f"p-{part}.pkl")
+        assert info["num_basis"] == 25 and np.size(info["weights"]) == 75
+    (tmp_path / "other.pkl").write_bytes(pickle.dumps({"a": 1, "b": 2}))
+    with pytest.raises(FrankaArmArgumentError, match="holds a dictionary with a, b: expected a dictionary with tau"):
+        dmp.load_script(tmp_path / "other.pkl")
+    with pytest.raises(FrankaArmArgumentError, match="is a pickle: dmp.load_script reads"):
+        dmp.Primitive.load(tmp_path / "p-position.pkl")
     with pytest.raises(FrankaArmArgumentError, match="is no 'frankapy primitive 1'"):
         turn(1.0).save(tmp_path / "d.npz")
         dmp.Primitive.load(tmp_path / "d.npz")
@@ -207,6 +230,9 @@ def test_what_it_generates_is_drawn_over_what_was_shown():
     assert len(figure.axes) == 7 and all(len(axes.lines) == 4 for axes in figure.axes)
     drawn = figure.axes[0].lines[1].get_xydata()
     np.testing.assert_allclose(drawn[-1], [2, HOME[0]], atol=1e-6)
+    start, down = [0.4, 0.1, 0.4], turn(2).orientations[0]
+    changed = dmp.fit(turn(2), "pose").plot(start=start, goal_orientation=down)
+    np.testing.assert_allclose([axes.lines[0].get_ydata()[0] for axes in changed.axes[:3]], start)
     figure = dmp.fit(turn(2), "pose").plot(turn(2))
     assert len(figure.axes) == 6
     for axes in figure.axes:

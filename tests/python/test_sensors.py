@@ -286,7 +286,8 @@ def test_a_clock_that_is_set_forward_is_believed_in_the_end(fa):
 
 
 def test_what_makes_no_sense_is_refused_counted_and_named(fa, ideal_arm):
-    fa.run(StreamJoint("strict", delay=0), InternalImpedance(), Never(), block=False)
+    # Silence takes any kind of message, but none that nobody else on its topic can use.
+    fa.run(StreamJoint("strict", delay=0), InternalImpedance(), Silence("strict", 3000), block=False)
     with fa.publisher("strict") as publisher:
 
         def refused(message, says):

@@ -59,7 +59,7 @@ class TargetStream {
     desired_ = from;
     time_ = 0;
     plan_start_ = heard_ = 0;
-    count_ = 0;
+    first_ = count_ = 0;
     fade_end_ = -1;
     ran_out_ = false;
     clock_ = kNever;
@@ -89,19 +89,19 @@ class TargetStream {
     const double meant = target.sent + target.lead;
     if (target.lead > 0) t += target.lead - delay_;
     if (target.replaces) {
-      while (count_ > 0 && knots_[count_ - 1].t >= t && !knots_[count_ - 1].used) --count_;
+      while (count_ > 0 && knot(count_ - 1).t >= t && !knot(count_ - 1).used) --count_;
     }
     const double p = time_ - delay_;
-    if (count_ == 0 && t > p + kLeastStep) knots_[count_++] = {p, kNever, desired_.x};
-    if (count_ > 0 && t <= knots_[count_ - 1].t + kLeastStep) {
-      if (Knot& last = knots_[count_ - 1]; !last.used) {
+    if (count_ == 0 && t > p + kLeastStep) knot(count_++) = {p, kNever, desired_.x};
+    if (count_ > 0 && t <= knot(count_ - 1).t + kLeastStep) {
+      if (Knot& last = knot(count_ - 1); !last.used) {
         last.x = target.x;
         last.meant = meant;
       }
       return;
     }
-    if (count_ == kKnots) drop_first();
-    knots_[count_++] = {t, meant, target.x};
+    if (count_ == kKnots) return;  // not those that are passed next
+    knot(count_++) = {t, meant, target.x};
   }
 
   // Times do not decrease.
@@ -120,7 +120,7 @@ class TargetStream {
   }
 
  private:
-  static constexpr int kKnots = 256;
+  static constexpr int kKnots = 2048;  // the longest delay at 1 kHz, and as much ahead
   static constexpr double kNever = std::numeric_limits<double>::quiet_NaN();
   static constexpr double kClockDrift = 0.02;   // share of a longer way that is taken for a slower clock
   static constexpr double kLeastStep = 2e-4;    // s between knots
@@ -141,7 +141,7 @@ class TargetStream {
   void observe_period(double t, const Target& target) {
     if (target.lead > 0 || given_delay_) return;
     if (count_ > 0) {
-      const double step = t - knots_[count_ - 1].t;
+      const double step = t - knot(count_ - 1).t;
       if (step > 0 && step < kLongestPeriod) period_ = period_ == 0 ? step : period_ + 0.1 * (step - period_);
     }
     if (period_ == 0) return;
@@ -188,8 +188,10 @@ class TargetStream {
     return {Vector::Map(x.data()), Vector::Map(v.data()), Vector::Map(a.data())};
   }
 
+  Knot& knot(int i) { return knots_[(first_ + i) % kKnots]; }
+
   void drop_first() {
-    std::copy(knots_.begin() + 1, knots_.begin() + count_, knots_.begin());
+    first_ = (first_ + 1) % kKnots;
     --count_;
   }
 
@@ -203,17 +205,17 @@ class TargetStream {
 
   // Slope at a knot: of the parabola through its neighbours, as far as these are no jump away.
   void fix(int i) {
-    Knot& knot = knots_[i];
-    if (knot.used) return;
-    knot.used = true;
-    const bool before = i > 0 && !jumps(knots_[i - 1], knot);
-    const bool after = i + 1 < count_ && !jumps(knot, knots_[i + 1]);
-    const auto slope = [this](int a, int b) { return Vector((knots_[b].x - knots_[a].x) / (knots_[b].t - knots_[a].t)); };
+    Knot& here = knot(i);
+    if (here.used) return;
+    here.used = true;
+    const bool before = i > 0 && !jumps(knot(i - 1), here);
+    const bool after = i + 1 < count_ && !jumps(here, knot(i + 1));
+    const auto slope = [this](int a, int b) { return Vector((knot(b).x - knot(a).x) / (knot(b).t - knot(a).t)); };
     if (before && after) {
-      const double left = knot.t - knots_[i - 1].t, right = knots_[i + 1].t - knot.t;
-      knot.v = (right * slope(i - 1, i) + left * slope(i, i + 1)) / (left + right);
+      const double left = here.t - knot(i - 1).t, right = knot(i + 1).t - here.t;
+      here.v = (right * slope(i - 1, i) + left * slope(i, i + 1)) / (left + right);
     } else if (before || after) {
-      knot.v = before ? slope(i - 1, i) : slope(i, i + 1);
+      here.v = before ? slope(i - 1, i) : slope(i, i + 1);
     }
   }
 
@@ -236,26 +238,26 @@ class TargetStream {
     const double change = given_delay_ || period_ == 0 ? 0 : std::clamp(0.5 * (wanted_delay_ - delay_), -0.02, 0.02);
     delay_ += change * dt;
     const double p = time - delay_, rate = 1 - change;
-    while (count_ >= 3 && knots_[2].t <= p) drop_first();
+    while (count_ >= 3 && knot(2).t <= p) drop_first();
     int i = 0;  // the last knot that is passed
-    while (i + 1 < count_ && knots_[i + 1].t <= p) ++i;
-    if (count_ == 0 || p < knots_[0].t) {
+    while (i + 1 < count_ && knot(i + 1).t <= p) ++i;
+    if (count_ == 0 || p < knot(0).t) {
       const bool at_rest = braked_ && time - plan_start_ > planner_.trajectory.get_duration();
       if (ran_out_ && at_rest) go_to(last_, planned(time - plan_start_));
       return braked_ || ran_out_ ? planned(time - plan_start_) : desired_;
     }
     fix(i);
     if (i + 1 == count_) {  // targets have run out
-      desired_ = {knots_[i].x, knots_[i].v, Vector::Zero()};
-      plan_start_ = knots_[i].t + delay_;
+      desired_ = {knot(i).x, knot(i).v, Vector::Zero()};
+      plan_start_ = knot(i).t + delay_;
       brake();
       ran_out_ = true;
-      last_ = knots_[i].x;
+      last_ = knot(i).x;
       count_ = 0;
       return planned(time - plan_start_);
     }
     braked_ = ran_out_ = false;
-    Knot &from = knots_[i], &to = knots_[i + 1];
+    Knot &from = knot(i), &to = knot(i + 1);
     if (jumps(from, to)) return {to.x, Vector::Zero(), Vector::Zero()};
     fix(i + 1);
     const double T = to.t - from.t, u = (p - from.t) / T;
@@ -310,7 +312,8 @@ class TargetStream {
   bool ran_out_ = false;  // of knots, of which the last was at last_
   Vector end_ = Vector::Zero(), last_ = Vector::Zero();
 
-  std::array<Knot, kKnots> knots_;
+  std::array<Knot, kKnots> knots_;  // a ring
+  int first_ = 0;
   int count_ = 0;
   double clock_ = kNever;  // ours less the publisher's, s
   double period_ = 0, delay_ = 0, wanted_delay_ = kLeastDelay;  // s
