@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from frankapy import parts
-from frankapy.exceptions import FrankaArmArgumentError
+from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
 
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 _STIFF = (600, 600, 600, 50, 50, 50)  # N/m and Nm/rad along and about those that do not yield
@@ -50,6 +50,8 @@ def add_commands(add: Add, add_arm: Callable[[argparse.ArgumentParser], None]) -
     add_arm(imitate)
     imitate.add_argument("--duration", type=float, help="s (default: as it was shown)")
     imitate.add_argument("--goal", type=float, nargs="+", help="where to end: rad of 7 joints, or m (default: as it was shown)")
+    imitate.add_argument("--start", type=float, nargs="+", help="where to begin, rad or m (default: where it began as it was shown)")
+    imitate.add_argument("--goal-orientation", type=float, nargs=4, metavar=("W", "X", "Y", "Z"), help="of a pose (default: as it was shown)")
     imitate.add_argument("--sensors", type=float, nargs="+", help="weights of its sensors (default 1)")
     imitate.add_argument("--loops", type=int, default=1, help="how often (default 1)")
     imitate.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what it will do, before it does")
@@ -102,8 +104,16 @@ def _learn(options: argparse.Namespace) -> int:
     primitive.save(options.output)
     print(f"{options.output}: {primitive!r}")
     if options.plot:
-        primitive.plot(demonstrations).savefig(options.plot, dpi=120)
+        _draw(options.plot, primitive.plot, demonstrations)
     return 0
+
+
+def _draw(file: Path, plot: Callable[..., Any], *arguments: Any, **named: Any) -> None:
+    try:
+        figure = plot(*arguments, **named)
+    except ImportError:
+        raise FrankaArmException("Pictures need matplotlib: pip install 'frankapy[plots]'") from None
+    figure.savefig(file, dpi=120)
 
 
 def _imitate(options: argparse.Namespace) -> int:
@@ -112,21 +122,25 @@ def _imitate(options: argparse.Namespace) -> int:
     from frankapy.dmp import Primitive
 
     primitive = Primitive.load(options.file)
-    changed = dict(duration=options.duration, goal=options.goal, sensor_values=options.sensors)
+    changed = dict(
+        duration=options.duration, start=options.start, goal=options.goal, goal_orientation=options.goal_orientation,
+        sensor_values=options.sensors,
+    )  # fmt: skip
+    start = primitive.start if options.start is None else options.start
     trajectory = primitive.part(**changed)
     with FrankaArm(server=options.server, robot_num=options.arm) as fa:
         if options.plot:
             shown = [Demonstration.load(file).trimmed() for file in options.over]
-            primitive.plot(shown, limits=fa.limits, **changed).savefig(options.plot, dpi=120)
+            _draw(options.plot, primitive.plot, shown, limits=fa.limits, **changed)
             print(options.plot)
         for loop in range(0 if options.check else options.loops):
             if primitive.kind == "joint":
-                fa.goto_joints(primitive.start, ignore_virtual_walls=True)
+                fa.goto_joints(start, ignore_virtual_walls=True)
             else:
                 pose = fa.get_pose(include_tool_offset=False)
                 if primitive.start_orientation is not None:
                     pose.rotation = RigidTransform.rotation_from_quaternion(primitive.start_orientation)
-                pose.translation = primitive.start
+                pose.translation = start
                 fa.run(parts.MinJerkPose(pose, 4), parts.InternalImpedance())
             if loop == 0:
                 _tell(primitive.beyond(fa, **changed))

@@ -1188,9 +1188,9 @@ class FrankaArm:
                 self._sensors.publish(message)
         return None
 
-    def publish_sensor_data(self, sensor_data_msg: SensorDataGroup) -> None:
+    def publish_sensor_data(self, msg: SensorDataGroup) -> None:
         """Send sensor messages into the running skill (see frankapy.proto_utils)."""
-        self.publish_sensor_values(sensor_data_msg)
+        self.publish_sensor_values(msg)
 
     def publish_joints(self, joints: Numbers | None = None) -> None:
         """Publish joints (rad, (7,); None: those of now) for rviz, under franka_virtual_joints_<number of the arm>.
@@ -1209,9 +1209,9 @@ class FrankaArm:
         """Return the time of this computer, s since 1970."""
         return time.time()
 
-    def log_info(self, message: str) -> None:
+    def log_info(self, msg: str) -> None:
         """Write a line into the log of frankapy."""
-        logger.info(message)
+        logger.info(msg)
 
     # --- inside --------------------------------------------------------------------------------------------------
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from frankapy.exceptions import FrankaArmArgumentError
+
 _ORTHONORMAL_TOLERANCE = 1e-3
 
 
@@ -28,7 +30,7 @@ class RigidTransform:
     ) -> None:
         for name, frame in (("from_frame", from_frame), ("to_frame", to_frame)):
             if not isinstance(frame, str):
-                raise ValueError(f"{name} is {frame!r}: expected the name of a frame")
+                raise FrankaArmArgumentError(f"{name} is {frame!r}: expected the name of a frame")
         self.rotation = rotation
         self.translation = translation
         self.from_frame = from_frame
@@ -50,10 +52,10 @@ class RigidTransform:
         if rotation.shape == (4,):
             rotation = self.rotation_from_quaternion(rotation)
         if rotation.shape != (3, 3):
-            raise ValueError(f"rotation has the shape {rotation.shape}: expected (3, 3), or a quaternion w, x, y, z")
+            raise FrankaArmArgumentError(f"rotation has the shape {rotation.shape}: expected (3, 3), or a quaternion w, x, y, z")
         error = np.abs(rotation @ rotation.T - np.eye(3)).max()
         if not error <= _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
-            raise ValueError(f"this is no rotation matrix (orthonormal, determinant 1):\n{rotation}")
+            raise FrankaArmArgumentError(f"this is no rotation matrix (orthonormal, determinant 1):\n{rotation}")
         self._rotation = rotation
 
     @property
@@ -65,7 +67,7 @@ class RigidTransform:
     def translation(self, translation: Any) -> None:
         translation = np.array(translation, dtype=float)
         if translation.size != 3:
-            raise ValueError(f"translation has the shape {translation.shape}: expected (3,)")
+            raise FrankaArmArgumentError(f"translation has the shape {translation.shape}: expected (3,)")
         self._translation = translation.reshape(3)
 
     @property
@@ -142,7 +144,7 @@ class RigidTransform:
         if not isinstance(other, RigidTransform):
             return NotImplemented
         if other.to_frame != self.from_frame:
-            raise ValueError(
+            raise FrankaArmArgumentError(
                 f"the frames of a product must meet: the right one leads to {other.to_frame!r}, the left one starts "
                 f"at {self.from_frame!r}"
             )
@@ -156,7 +158,7 @@ class RigidTransform:
     def interpolate_with(self, other_tf: RigidTransform, t: float) -> RigidTransform:
         """Return the pose at `t` (0 to 1) of the straight line and shortest rotation from this one to another."""
         if not 0 <= t <= 1:
-            raise ValueError(f"t is {t}: expected 0 to 1")
+            raise FrankaArmArgumentError(f"t is {t}: expected 0 to 1")
         between = _quaternion_of(self._rotation.T @ other_tf.rotation)
         half = np.arctan2(np.linalg.norm(between[1:]), between[0])
         axis = between[1:] / np.sin(half) if half > 1e-12 else np.zeros(3)
@@ -171,7 +173,7 @@ class RigidTransform:
     def linear_trajectory_to(self, target_tf: RigidTransform, traj_len: int) -> list[RigidTransform]:
         """Return `traj_len` equally spaced poses, of which this one is the first and the target the last."""
         if traj_len < 0:
-            raise ValueError(f"traj_len is {traj_len}: expected at least 0")
+            raise FrankaArmArgumentError(f"traj_len is {traj_len}: expected at least 0")
         return [self.interpolate_with(target_tf, t) for t in np.linspace(0, 1, traj_len)]
 
     def __repr__(self) -> str:
@@ -205,7 +207,7 @@ class RigidTransform:
         q = np.array(q_wxyz, dtype=float)
         norm = np.linalg.norm(q)
         if q.shape != (4,) or not abs(norm - 1) <= _ORTHONORMAL_TOLERANCE:
-            raise ValueError(f"{q_wxyz} is no unit quaternion w, x, y, z")
+            raise FrankaArmArgumentError(f"{q_wxyz} is no unit quaternion w, x, y, z")
         w, x, y, z = q / norm
         return np.array(
             [
@@ -237,7 +239,7 @@ class RigidTransform:
     def interpolate(T0: RigidTransform, T1: RigidTransform, t: float) -> RigidTransform:
         """Return `T0.interpolate_with(T1, t)`; the frames of both must be the same."""
         if (T0.from_frame, T0.to_frame) != (T1.from_frame, T1.to_frame):
-            raise ValueError(f"the frames differ: {T0!r} and {T1!r}")
+            raise FrankaArmArgumentError(f"the frames differ: {T0!r} and {T1!r}")
         return T0.interpolate_with(T1, t)
 
 
@@ -268,7 +270,7 @@ class Point:
     def __init__(self, data: Any, frame: str = "unspecified") -> None:
         data = np.array(data, dtype=float)
         if data.size != 3:
-            raise ValueError(f"data has the shape {data.shape}: expected (3,)")
+            raise FrankaArmArgumentError(f"data has the shape {data.shape}: expected (3,)")
         self.data = data.reshape(3)
         self.frame = frame
 
@@ -294,7 +296,7 @@ class Point:
 
     def __rmul__(self, transform: RigidTransform) -> Point:
         if transform.from_frame != self.frame:
-            raise ValueError(f"the frames must meet: the point is in {self.frame!r}, the transform from {transform.from_frame!r}")
+            raise FrankaArmArgumentError(f"the frames must meet: the point is in {self.frame!r}, the transform from {transform.from_frame!r}")
         return Point(transform.rotation @ self.data + transform.translation, transform.to_frame)
 
     def __repr__(self) -> str:

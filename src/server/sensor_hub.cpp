@@ -142,9 +142,7 @@ void SensorHub::take(const zmq::message_t& frame) {
     const auto known = topics_.find(message.topic());
     return known == topics_.end() ? count_garbage("a sensor message: " + why) : refuse(known->second, why);
   }
-  if (topics_.size() >= kMaxTopics && !topics_.contains(message.topic())) {
-    return count_garbage(fmt::format("a topic beyond the {} that are known", kMaxTopics));
-  }
+  if (topics_.size() >= kMaxTopics && !topics_.contains(message.topic())) forget_quietest_topic();
   Topic& topic = topics_[message.topic()];
   topic.told.set_received(topic.told.received() + 1);
   topic.told.set_message(kind_of(message.message()));
@@ -176,6 +174,17 @@ void SensorHub::take(const zmq::message_t& frame) {
                                      1e-9 * static_cast<double>(way.in_future)));
   }
   deliver(topic, message, message.sent_ns() - from.clock.ahead_ns(), ends ? 0 : way.longer, who);
+}
+
+// Of those that nobody listens to, as far as there is one.
+void SensorHub::forget_quietest_topic() {
+  const auto rank = [this](const std::string& name, const Topic& topic) {
+    const bool heard = std::any_of(listeners_.begin(), listeners_.end(), [&](const Listener& each) { return each.input->topic() == name; });
+    return std::pair(heard, topic.arrived_ns);
+  };
+  topics_.erase(std::min_element(topics_.begin(), topics_.end(), [&](const auto& a, const auto& b) {
+    return rank(a.first, a.second) < rank(b.first, b.second);
+  }));
 }
 
 bool SensorHub::takes(const Listener& listener, const std::string& publisher) {

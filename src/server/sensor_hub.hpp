@@ -76,6 +76,7 @@ class SensorHub {
   void run();
   void take(const zmq::message_t& frame);
   void note(const frankapy::proto::SensorMessage& message, Publisher& from, std::int64_t now);
+  void forget_quietest_topic();
   static bool takes(const Listener& listener, const std::string& publisher);
   static bool overtaken(const Topic& topic, const Listener& listener, const std::string& kind, std::int64_t sent,
                         std::int64_t longer);

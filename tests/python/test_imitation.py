@@ -352,7 +352,8 @@ def test_from_the_command_line(default_arm, tmp_path, capsys, caplog):
     with FrankaArm(server=default_arm.server) as again:
         np.testing.assert_allclose(again.get_joints(), primitive.goal, atol=0.01)
     goal = primitive.goal + [0.05, 0, 0, 0, 0, 0, 0.1]
-    assert cli.main(["imitate", str(learned), "--goal", *map(str, goal), *arm]) == 0
+    start = primitive.start + 0.05
+    assert cli.main(["imitate", str(learned), "--goal", *map(str, goal), "--start", *map(str, start), *arm]) == 0
     with FrankaArm(server=default_arm.server) as again:
         np.testing.assert_allclose(again.get_joints(), goal, atol=0.01)
     assert cli.main(["learn", str(tmp_path / "no.npz"), "--output", str(learned)]) == 1

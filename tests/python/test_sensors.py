@@ -220,6 +220,21 @@ def test_a_message_ends_the_skill_and_so_does_silence(fa):
     assert result.time == pytest.approx(0.5, abs=0.01)
 
 
+def test_however_many_topics_there_were_a_new_one_is_heard(fa):
+    with fa.publisher("flood") as publisher:
+        for i in range(300):
+            message = proto.SensorMessage(topic=f"flood {i}")
+            message.message.Pack(GO_ON)
+            publisher._socket.send(message.SerializeToString())
+    wait_for(fa, lambda: "flood 299" in fa.topics())
+    assert len(fa.topics()) == 256
+    fa.run(StayJoint(1000), InternalImpedance(), [SensorSays("fresh"), Time(1000)], block=False)
+    with fa.publisher("fresh") as publisher:
+        publisher.publish(proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=True))
+        fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "SensorSays"
+
+
 def test_what_a_script_publishes_right_before_it_exits_arrives(fa, ideal_arm):
     fa.run(StayJoint(1000), InternalImpedance(), [SensorSays("bye"), Time(1000)], block=False)
     script = (
