@@ -252,6 +252,9 @@ class Recording:
         lost = int(self.about.get("lost", "0"))
         if lost:
             rows.append(("lost", f"{lost} states: the disk was too slow"))
+        lost_bytes = int(self.about.get("lost_bytes", "0"))
+        if lost_bytes:
+            rows.append(("lost", f"{lost_bytes / 1e3:.0f} kB of sensor messages, skills and log lines: the disk was too slow"))
         if len(self):
             states = self.states
             missed = int(states["lost_states"][-1] - states["lost_states"][0])

@@ -72,9 +72,12 @@ void Journal::note(std::string_view topic, std::string_view type, std::string_vi
 std::uint64_t Journal::end() const { return header_->end; }
 std::uint64_t Journal::begin() const { return header_->begin; }
 
-bool Journal::read(std::uint64_t& place, Entry& entry) const {
+bool Journal::read(std::uint64_t& place, Entry& entry, std::uint64_t& lost) const {
   const std::lock_guard lock(*mutex_);
-  place = std::max<std::uint64_t>(place, header_->begin);
+  if (const std::uint64_t begin = header_->begin; place < begin) {
+    lost += begin - place;
+    place = begin;
+  }
   if (place >= header_->end) return false;
   Head head;
   get(place, &head, sizeof head);

@@ -30,6 +30,8 @@ constexpr auto kDiskRetry = 10s;             // after the disk has failed
 constexpr std::uint64_t kIdleStep = 10;      // 100 Hz while the robot holds itself
 constexpr auto kDiskPeriod = 1s;
 constexpr auto kGripperPeriod = 50ms;
+constexpr std::uint64_t kReserve = 20;  // of this many parts of the room one is left, for what comes until it is looked at again
+constexpr double kFiles = 4;            // at least, that the room is for
 constexpr double kBytesPerMB = 1e6;
 
 std::string in_file_name(std::string text) {
@@ -82,7 +84,7 @@ bool RecordingFolder::make_room(const std::vector<fs::path>& open) const {
   }
   std::sort(files.begin(), files.end());  // names begin with the time
   for (const auto& [path, size] : files) {
-    if (all <= most_) break;
+    if (all <= most_ - most_ / kReserve) break;
     std::error_code error;
     if (fs::remove(path, error)) all -= size;
   }
@@ -129,7 +131,9 @@ void Recorder::run() {
     write(running_);
     write(kept_);
     look_after_disk();
-    if (running_ && (running_->size() > config_.file_mb * kBytesPerMB ||
+    // Of little room a file is a part, or its end would be that of recording.
+    const double most_of_file = std::min(config_.file_mb * kBytesPerMB, 1e9 * config_.max_gb / kFiles);
+    if (running_ && (running_->size() > most_of_file ||
                      Clock::now() - started_ > std::chrono::duration<double>(60 * config_.file_minutes))) {
       change_file();
     }

@@ -63,9 +63,9 @@ Recording::Recording(const BlackBox& box, const std::filesystem::path& path, con
 
 void Recording::write() {
   // What there is now: on a slow disk more comes than is written, without end.
-  const std::uint64_t end = box_.records.written();
+  const std::uint64_t end = box_.records.written(), noted = box_.journal.end();
   while (records_.position() < end && records_.next(record_)) write(record_);
-  while (box_.journal.read(place_, entry_)) {
+  while (place_ < noted && box_.journal.read(place_, entry_, lost_bytes_)) {
     if (entry_.time_ns >= oldest_ns_) write(entry_);
   }
   if (const std::int64_t now = now_ns(); now - flushed_ns_ >= kFlush) {
@@ -75,7 +75,7 @@ void Recording::write() {
 }
 
 void Recording::close() {
-  file_.add_metadata("end", {{"states", std::to_string(states_)}, {"lost", std::to_string(lost())}});
+  file_.add_metadata("end", {{"states", std::to_string(states_)}, {"lost", std::to_string(lost())}, {"lost_bytes", std::to_string(lost_bytes())}});
   file_.close();
 }
 

@@ -38,6 +38,7 @@ class Recording {
   std::uint64_t size() const { return file_.size() + file_.pending() / 4; }  // bytes, as good as
   std::uint64_t states() const { return states_; }                           // written
   std::uint64_t lost() const { return records_.lost(); }                     // overwritten before they were written
+  std::uint64_t lost_bytes() const { return lost_bytes_; }                   // of what the journal had
   double time() const { return 1e-9 * static_cast<double>(last_ns_ - first_ns_); }  // s from the first state to the last
 
  private:
@@ -53,6 +54,7 @@ class Recording {
   McapWriter file_;
   bridge::RingReader<realtime::Record> records_;
   std::uint64_t place_;  // in the journal
+  std::uint64_t lost_bytes_ = 0;
   std::int64_t oldest_ns_ = 0;  // of the journal's that is wanted
 
   std::map<std::string, std::uint16_t> schemas_, channels_;  // by type; by topic and type

@@ -121,6 +121,12 @@ TEST_F(RecordingTest, WhatIsOverwrittenIsCounted) {
   recording.write();
   EXPECT_GT(recording.lost(), 100u);
   EXPECT_EQ(recording.lost() + recording.states(), BlackBox::kRecords + 100);
+  EXPECT_EQ(recording.lost_bytes(), 0u);
+  const std::string message(100'000, 'x');
+  for (int n = 0; n < 100; ++n) box_.journal.note("/sensors/camera", "frankapy.proto.SensorMessage", message);
+  recording.write();
+  EXPECT_GT(recording.lost_bytes(), 5'000'000u);
+  EXPECT_LT(recording.lost_bytes(), 10'000'000u);
 }
 
 TEST_F(RecordingTest, AnIdleArmTakesATenthOfIt) {
@@ -176,6 +182,23 @@ TEST_F(RecordingTest, NeverTakesMoreThanItMay) {
   ASSERT_TRUE(wait_for([&] { return !fs::exists(folder_ / "arm" / "2020-01-01T00-00-00.000Z-all.mcap"); }));
   EXPECT_TRUE(fs::exists(folder_ / "arm" / "2020-01-02T00-00-00.000Z-all.mcap"));
   EXPECT_TRUE(fs::exists(folder_ / "arm" / "notes.txt"));
+}
+
+// And of a file that would fill it the next one begins in time.
+TEST_F(RecordingTest, LittleRoomIsForSeveralFiles) {
+  config_.mode = RecordingsConfig::Mode::kAlways;
+  config_.max_gb = 0.0008;
+  Recorder recorder(box_, config_, "arm", nullptr);
+  ASSERT_TRUE(wait_for([&] { return recorder.ask({}).open(); }));
+  while (files().size() <= 2) {
+    const auto before = recorder.ask({});
+    cycles(100);
+    ASSERT_TRUE(wait_for([&] {
+      const auto now = recorder.ask({});
+      return now.states() != before.states() || now.file() != before.file();
+    })) << recorder.ask({}).error();
+  }
+  EXPECT_FALSE(recorder.ask({}).has_error()) << recorder.ask({}).error();
 }
 
 TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileGivesWayToTheNext) {
@@ -353,10 +376,10 @@ TEST(Journal, KeepsTheNewestWholeEntries) {
   BlackBox box;
   const std::string bytes(100'000, 'x');
   for (std::uint32_t i = 1; i <= 100; ++i) box.journal.note("/topic", "type", bytes, i, 17);
-  std::uint64_t place = 0;
+  std::uint64_t place = 0, lost = 0;
   Journal::Entry entry;
   std::uint32_t last = 0, n = 0;
-  while (box.journal.read(place, entry)) {
+  while (box.journal.read(place, entry, lost)) {
     EXPECT_EQ(entry.topic, "/topic");
     EXPECT_EQ(entry.type, "type");
     EXPECT_EQ(entry.bytes, bytes);
@@ -366,6 +389,7 @@ TEST(Journal, KeepsTheNewestWholeEntries) {
     ++n;
   }
   EXPECT_EQ(last, 100u);
+  EXPECT_NEAR(lost, 59 * 100e3, 59 * 100.);
   EXPECT_EQ(n, 41u);  // of 100 kB in 4 MiB
 }
 
