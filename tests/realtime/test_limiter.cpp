@@ -549,6 +549,14 @@ TEST_P(AnyArm, near_the_end_of_the_range_nothing_is_asked_for_that_cannot_be_sto
   }
 }
 
+Reference pose_at(const Eigen::Isometry3d& O_T_EE) {
+  Reference out;
+  out.motion = Channels::kPose;
+  out.cartesian.position = O_T_EE.translation();
+  out.cartesian.orientation = Eigen::Quaterniond(O_T_EE.linear());
+  return out;
+}
+
 // The robot makes joints of a pose, with joint 3 at rest: Newton's method, damped next to singularities.
 class RobotsJoints {
  public:
@@ -587,11 +595,7 @@ TEST_P(AnyArm, joints_that_follow_any_pose_keep_their_limits_next_to_singulariti
     for (int i = 0; i < 7; ++i) {
       home.joint.q[i] = std::clamp(models::kHome[i] + uniform(-1, 1), limits.q_min[i] + 0.2, limits.q_max[i] - 0.2);
     }
-    Reference from;
-    from.motion = Channels::kPose;
-    const Eigen::Isometry3d start = model.O_T_EE(home.joint.q);
-    from.cartesian.position = start.translation();
-    from.cartesian.orientation = Eigen::Quaterniond(start.linear());
+    const Reference from = pose_at(model.O_T_EE(home.joint.q));
     realtime::Limiter limiter(limits);
     limiter.reset(from);
     RobotsJoints joints(model, home.joint.q);
@@ -606,9 +610,7 @@ TEST_P(AnyArm, joints_that_follow_any_pose_keep_their_limits_next_to_singulariti
         twist << speed * direction(), 2 * speed * direction();
         if (trial % 3 == 0) {
           twist.setZero();
-          const Eigen::Isometry3d goal = model.O_T_EE(home.joint.q + 0.5 * Vector7::Random());
-          wanted.cartesian.position = goal.translation();
-          wanted.cartesian.orientation = Eigen::Quaterniond(goal.linear());
+          wanted = pose_at(model.O_T_EE(home.joint.q + 0.5 * Vector7::Random()));
         }
       }
       wanted.cartesian.position += kDt * twist.head<3>();
@@ -638,11 +640,7 @@ TEST_P(AnyArm, joints_keep_their_limits_where_a_pose_begins_next_to_a_singularit
     Reference start;
     start.joint.q << -0.265707, -0.928602, 0.530178, -1.765450, 1.137567, 2.075235, 1.223018;  // determinant 8e-5
     start.joint.q += 0.01 * Vector7::Random();
-    Reference from;
-    from.motion = Channels::kPose;
-    const Eigen::Isometry3d pose = model.O_T_EE(start.joint.q);
-    from.cartesian.position = pose.translation();
-    from.cartesian.orientation = Eigen::Quaterniond(pose.linear());
+    const Reference from = pose_at(model.O_T_EE(start.joint.q));
     realtime::Limiter limiter(limits);
     limiter.reset(from);
     RobotsJoints joints(model, start.joint.q);
