@@ -528,6 +528,29 @@ TEST_P(AnyArm, coasting_continues_with_constant_acceleration) {
   EXPECT_TRUE(judge.obeyed()) << judge.text();
 }
 
+// Inside every other limit.
+TEST_P(AnyArm, more_jerk_than_the_arm_may_have_is_held_back) {
+  Reference wanted = joint_start();
+  realtime::Limiter limiter(limits);
+  limiter.reset(wanted);
+  JointJudge judge(limits, wanted);
+  Reference out;
+  int held = 0;
+  for (int k = 0; k < 400; ++k) {
+    constexpr double kShape[] = {1, 0, -1, 0};  // of an acceleration that comes and goes at once
+    for (int i = 0; i < 7; ++i) {
+      wanted.joint.ddq[i] = 0.9 * limits.ddq_max[i] * kShape[k % 4];
+      ASSERT_GT(0.9 * limits.ddq_max[i], 1.1 * limits.dddq_max[i] * kDt);
+    }
+    wanted.joint.q += kDt * (wanted.joint.dq + kDt * wanted.joint.ddq);
+    wanted.joint.dq += kDt * wanted.joint.ddq;
+    held += limiter.follow(wanted, kDt, out);
+    judge.see(out.joint.q);
+  }
+  EXPECT_TRUE(judge.obeyed()) << judge.text();
+  EXPECT_GT(held, 300);
+}
+
 TEST_P(AnyArm, near_the_end_of_the_range_nothing_is_asked_for_that_cannot_be_stopped) {
   for (int i = 0; i < 7; ++i) {
     for (const double sign : {-1.0, 1.0}) {
