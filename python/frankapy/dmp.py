@@ -176,7 +176,9 @@ class Primitive:
         limits = fa.limits
         if self.kind != "joint":
             rows = np.linspace(0, len(y) - 1, _WAYPOINTS).round().astype(int)
-            orientations = self.orientations(duration, goal=goal_orientation)[rows] if self.kind == "pose" else [fa.get_pose(False).quaternion] * _WAYPOINTS
+            orientations = np.tile(fa.get_pose(False).quaternion, (_WAYPOINTS, 1))
+            if self.kind == "pose":
+                orientations = self.orientations(duration, goal=goal_orientation)[rows]
             joints = fa.get_joints()
             path: list[np.ndarray] = []
             for position, orientation in zip(y[rows], orientations, strict=True):
@@ -250,12 +252,9 @@ class Primitive:
         if path.suffix == ".pkl":
             import pickle
 
-            files = {path: self.info}
-            if self.kind == "pose":
-                files = {path.with_name(f"{path.stem}-{name}.pkl"): info for name, info in
-                         (("position", self.info), ("quaternion", self.quat_info))}
-            for file, info in files.items():
-                file.write_bytes(pickle.dumps(info))
+            parts = {"": self.info} if self.kind != "pose" else {"-position": self.info, "-quaternion": self.quat_info}
+            for name, info in parts.items():
+                path.with_stem(path.stem + name).write_bytes(pickle.dumps(info))
             return
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_npz(path, _FORMAT, {name: np.asarray(value) for name, value in fields.items() if value is not None})

@@ -37,9 +37,8 @@ class RigidTransform:
         self.to_frame = to_frame
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # autolab_core's pickles have all of it with underscores.
-        fields = {name.lstrip("_"): value for name, value in state.items()}
-        self.__init__(*(fields[name] for name in ("rotation", "translation", "from_frame", "to_frame")))  # type: ignore[misc]
+        # In autolab_core's pickles the frames have underscores too.
+        vars(self).update({name.lstrip("_") if name.endswith("frame") else name: value for name, value in state.items()})
 
     @property
     def rotation(self) -> np.ndarray:

@@ -23,7 +23,7 @@ namespace {
 constexpr auto kPublishPeriod = std::chrono::microseconds(500);
 constexpr auto kTellPeriod = std::chrono::seconds(1);
 constexpr int kSendQueue = 10'000;  // states that a subscriber may be behind: 10 s
-constexpr std::size_t kMostTopics = 128;        // choices of rate and fields, of all subscribers
+constexpr std::size_t kMostTopics = 128;          // choices of rate and fields, of all subscribers
 constexpr std::size_t kMostUnserved = 256;        // subscriptions that are held although nothing is published to them
 constexpr std::int64_t kLongestSubscription = 2048;  // bytes: all fields by name are less
 constexpr int kSubscriptionsAhead = 64;           // read from a connection before they are looked at

@@ -30,8 +30,8 @@ constexpr auto kDiskRetry = 10s;             // after the disk has failed
 constexpr std::uint64_t kIdleStep = 10;      // 100 Hz while the robot holds itself
 constexpr auto kDiskPeriod = 1s;
 constexpr auto kGripperPeriod = 50ms;
-constexpr std::uint64_t kReserve = 20;  // of this many parts of the room one is left, for what comes until it is looked at again
-constexpr double kFiles = 4;            // at least, that the room is for
+constexpr std::uint64_t kReserve = 20;       // of this many parts of the room one is left, until it is looked at again
+constexpr double kFiles = 4;                 // at least, that the room is for
 constexpr double kBytesPerMB = 1e6;
 
 std::string in_file_name(std::string text) {

@@ -75,7 +75,9 @@ void Recording::write() {
 }
 
 void Recording::close() {
-  file_.add_metadata("end", {{"states", std::to_string(states_)}, {"lost", std::to_string(lost())}, {"lost_bytes", std::to_string(lost_bytes())}});
+  file_.add_metadata("end", {{"states", std::to_string(states_)},
+                             {"lost", std::to_string(lost())},
+                             {"lost_bytes", std::to_string(lost_bytes())}});
   file_.close();
 }
 

@@ -179,7 +179,8 @@ void SensorHub::take(const zmq::message_t& frame) {
 // Of those that nobody listens to, as far as there is one.
 void SensorHub::forget_quietest_topic() {
   const auto rank = [this](const std::string& name, const Topic& topic) {
-    const bool heard = std::any_of(listeners_.begin(), listeners_.end(), [&](const Listener& each) { return each.input->topic() == name; });
+    const bool heard = std::any_of(listeners_.begin(), listeners_.end(),
+                                   [&](const Listener& each) { return each.input->topic() == name; });
     return std::pair(heard, topic.arrived_ns);
   };
   topics_.erase(std::min_element(topics_.begin(), topics_.end(), [&](const auto& a, const auto& b) {
@@ -223,13 +224,13 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
   bool heard = false, taken = false, dropped = false, behind = false;
   const auto listens = [&](const Listener& listener) { return listener.input->topic() == message.topic() && !waits(listener); };
   // What some part wants of a kind is nothing for those that take any: they would be kept content by what nobody can use.
-  const bool of_kinds = std::any_of(listeners_.begin(), listeners_.end(), [&](const Listener& listener) {
-    return listens(listener) && takes(listener, from.name) && !listener.input->messages().empty();
-  });
-  const bool wanted = !of_kinds || std::any_of(listeners_.begin(), listeners_.end(), [&](const Listener& listener) {
+  bool of_kinds = false, wanted = false;
+  for (const Listener& listener : listeners_) {
+    if (!listens(listener) || !takes(listener, from.name)) continue;
     const auto& messages = listener.input->messages();
-    return listens(listener) && takes(listener, from.name) && std::find(messages.begin(), messages.end(), kind) != messages.end();
-  });
+    of_kinds |= !messages.empty();
+    wanted |= std::find(messages.begin(), messages.end(), kind) != messages.end();
+  }
   std::string expected, publishers;
   try {
     for (const Listener& listener : listeners_) {
@@ -246,7 +247,7 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
         expected += (expected.empty() ? "" : ", ") + fmt::format("{}", fmt::join(messages, ", "));
         continue;
       }
-      if (!wanted) continue;
+      if (of_kinds && !wanted) continue;
       taken = true;
       if (overtaken(topic, listener, kind, sent, longer)) {
         behind = true;

@@ -11,6 +11,7 @@
 #include "realtime/model.hpp"
 #include "realtime/pose_joints.hpp"
 #include "realtime/rotation.hpp"
+#include "singular_posture.hpp"
 
 namespace {
 
@@ -661,8 +662,7 @@ TEST_P(AnyArm, joints_keep_their_limits_where_a_pose_begins_next_to_a_singularit
   int stayed = 0, left = 0;
   for (int trial = 0; trial < 40; ++trial) {
     Reference start;
-    start.joint.q << -0.265707, -0.928602, 0.530178, -1.765450, 1.137567, 2.075235, 1.223018;  // determinant 8e-5
-    start.joint.q += 0.01 * Vector7::Random();
+    start.joint.q = singular_posture() + 0.01 * Vector7::Random();
     const Reference from = pose_at(model.O_T_EE(start.joint.q));
     realtime::Limiter limiter(limits);
     limiter.reset(from);

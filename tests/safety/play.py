@@ -357,7 +357,8 @@ class Player:
         ends = arguments.get("until", ())
         them = [arguments[role] for role in ("trajectory", "controller") if role in arguments]
         self._outcome.ran.update(type(part).__name__ for part in [*them, *ends])
-        self._outcome.ran.update(end.then.TypeName().split(".")[-1] for end in ends if isinstance(end, proto.Contact) and end.HasField("then"))
+        after = [end.then for end in ends if isinstance(end, proto.Contact) and end.HasField("then")]
+        self._outcome.ran.update(each.TypeName().split(".")[-1] for each in after)
 
     def _running(self):  # noqa: ANN202
         # What has not been waited for is only there.

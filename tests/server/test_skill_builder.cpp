@@ -9,6 +9,7 @@
 #include "realtime/trajectories/paced.hpp"
 #include "server/refused.hpp"
 #include "tests/realtime/at_home.hpp"
+#include "tests/realtime/singular_posture.hpp"
 #include "tests/server/skills.hpp"
 
 namespace server {
@@ -145,7 +146,7 @@ TEST_F(SkillBuilderTest, PathsOutOfReachAreRefused) {
 // The robot's own joints could not follow; those that are ours can.
 TEST_F(SkillBuilderTest, PosesOfTheRobotsJointsDoNotBeginInASingularPosture) {
   const auto model = fr3_model();
-  const realtime::Vector7 q{-0.265707, -0.928602, 0.530178, -1.765450, 1.137567, 2.075235, 1.223018};
+  const realtime::Vector7 q = singular_posture();
   Eigen::Map<realtime::Vector7>(now_.state.q.data()) = q;
   Eigen::Map<Eigen::Matrix4d>(now_.state.O_T_EE.data()) = model->O_T_EE(q).matrix();
   proto::StreamCartesianVelocity stream;

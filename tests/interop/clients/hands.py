@@ -9,7 +9,7 @@ import report
 
 WIDTH = 0.04  # m, of the block
 SPEED, FORCE = 0.1, 20.0  # m/s, N
-SLOW = 0.001  # m/s: under lockstep 80 s are over in three
+SLOW = 0.001  # m/s: also where 80 s of the arm are a few of the computer
 GRASPS = [  # width and tolerances, m, and whether the block fits them
     (WIDTH + 0.02, 0.005, 0.005, False),
     (WIDTH - 0.02, 0.005, 0.005, False),
