@@ -355,7 +355,7 @@ class Running {
   // Whether the server takes it. Throws where anything but the rule of what fits is in the way.
   bool fits(const Combination& combination) {
     try {
-      builder_.build(combination.message(1), newest(), nullptr);
+      builder_.build(combination.message(1), newest());
       return true;
     } catch (const server::Refused& refused) {
       const std::string why = refused.what();
@@ -385,7 +385,7 @@ class Running {
       ended |= take_results(combination.name(), current);
       if (time > kEndless) door_.stop_up_to = current;
       if (samples.size() < cycles && (ended || (turn % 2 == 0 && time > kPreempt))) {
-        auto skill = builder_.build(combination.message(turn++), newest(), nullptr);
+        auto skill = builder_.build(combination.message(turn++), newest());
         skill->id = current = next_id_++;
         ended = false;
         door_.next.put(std::move(skill));
@@ -412,7 +412,7 @@ class Running {
       }
       const Combination& each = *combinations[random() % combinations.size()];
       try {
-        auto skill = builder_.build(each.message(turn), newest_, nullptr);
+        auto skill = builder_.build(each.message(turn), newest_);
         skill->id = current = next_id_++;
         door_.next.put(std::move(skill));
       } catch (const server::Refused&) {  // it does not lead on from here

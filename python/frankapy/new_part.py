@@ -20,7 +20,16 @@ _FILES = {  # of a project, by template
     "CMakeLists.txt": "CMakeLists.txt",
     "README.md": "README.md",
 }
-_TAKEN = {"std", "google", "frankapy", "fci", "models", "realtime", "robot", "server", "wire"}  # namespaces in C++
+_TAKEN = {
+    # Namespaces in C++, its words that are none of Python's, classes that a part is made of, and functions of the C library.
+    *("std google frankapy fci models realtime robot server wire").split(),
+    *("alignas alignof asm auto bool catch char concept const constexpr decltype default delete do double enum explicit "
+      "export extern false float friend goto inline int long mutable namespace new noexcept nullptr operator private "
+      "protected public register requires return short signed sizeof static struct switch template this throw true "
+      "typedef typeid typename union unsigned using virtual void volatile xor").split(),
+    *("controller trajectory termination part model cycle reference").split(),
+    *("time signal index abs exp log pow sin cos tan floor random read write open close select remove rename system clock").split(),
+}  # fmt: skip
 _IMPORTS = {
     "controller": "from frankapy.parts import RelativeMinJerkJoint\nfrom {name}_pb2 import {Name}",
     "trajectory": "from frankapy.parts import JointImpedance\nfrom {name}_pb2 import {Name}",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from google.protobuf import descriptor_pool, message_factory
 from google.protobuf.message import Message
 
 from frankapy import parts, proto
@@ -28,7 +29,11 @@ def any_of(until: Message | Sequence[Message]) -> list[Message]:
 
 
 def _unpacked(part: Any) -> Message:
-    message: Message = getattr(proto, part.TypeName().rsplit(".", 1)[-1])()
+    try:
+        kind = descriptor_pool.Default().FindMessageTypeByName(part.TypeName())
+    except KeyError:
+        raise FrankaArmArgumentError(f"AnyOf has a {part.TypeName()!r}: import its messages first") from None
+    message: Message = message_factory.GetMessageClass(kind)()
     part.Unpack(message)
     return message
 

@@ -444,7 +444,7 @@ void Loop::send_command() noexcept {
 // The first that ends the skill, of those that look for a contact or of the others; -1: none.
 int Loop::ask_terminations(bool of_contact) noexcept {
   const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_,
-                          path_.lasts(skill_->trajectory->duration()) + slowed_, observer_.tau_ext(), observer_.O_F_ext_K()};
+                          trajectory_began_ + path_.lasts(skill_->trajectory->duration()) + slowed_, observer_.tau_ext(), observer_.O_F_ext_K()};
   int termination = -1;
   for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
     if ((skill_->terminations[i]->then() != nullptr) != of_contact) continue;
@@ -591,8 +591,10 @@ bool Loop::follows_failure(const Skill& skill) const noexcept { return skill.aft
 bool Loop::next_waits() const noexcept {
   if (next_->start_ns > driver_.received_ns()) return true;
   if (next_->after == 0 || skill_ == nullptr) return false;
-  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) &&
-                      path_.lasts(skill_->trajectory->duration() - path_.time()) <= next_->blend;
+  const double duration = skill_->trajectory->duration();
+  const bool has_end = duration > 0 && std::isfinite(duration);
+  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) && has_end &&
+                      path_.lasts(duration - path_.time()) <= next_->blend;
   return !blends;
 }
 
@@ -618,6 +620,7 @@ void Loop::leave_motion() noexcept {
 
 // next_ becomes the running skill, from reference_ on.
 void Loop::start_skill() noexcept {
+  const double speed_before = holder_ != nullptr ? holder_->speed : 1;
   if (holder_ != nullptr) door_.retired.push(holder_);
   holder_ = skill_ = next_;
   next_ = nullptr;
@@ -637,7 +640,7 @@ void Loop::start_skill() noexcept {
   cycle_.q_ref = gate_.joints().q;
   start_controller(!robot_->has_reference());
   gate_.reset(reference_);
-  start_trajectory();
+  start_trajectory(speed_before);
   start_terminations();
 }
 
@@ -670,16 +673,25 @@ void Loop::change_parts() noexcept {
   if (phase_ == Phase::kRunning && skill_->id == change->skill_id && !faulty_) {
     change->done = true;
     watch_.reset();
+    const bool was_led = change->controller && go_on_from_arm();
+    const TrajectoryGenerator& trajectory = change->trajectory ? *change->trajectory : *skill_->trajectory;
+    const bool moves_on = was_led || reference_.motion != motion_of(trajectory.fills());
+    if (moves_on) {
+      change_motion(motion_of(trajectory.fills()));
+      if (reference_.motion == Channels::kJoint) gate_.place(reference_.joint.q);
+      cycle_.q_ref = gate_.joints().q;
+    }
     if (change->controller) {
       std::swap(skill_->controller, change->controller);
       skill_->numbers.controller = change->numbers.controller;
-      start_controller(false);
     }
+    if (change->controller || moves_on) start_controller(false);
+    if (moves_on) gate_.reset(reference_);
     if (change->trajectory) {
       std::swap(skill_->trajectory, change->trajectory);
       skill_->numbers.trajectory = change->numbers.trajectory;
-      start_trajectory();
     }
+    if (change->trajectory || was_led) start_trajectory(skill_->speed);
     if (change->changes_terminations) {
       std::swap(skill_->terminations, change->terminations);
       std::swap(skill_->numbers.terminations, change->numbers.terminations);
@@ -694,13 +706,14 @@ bool Loop::waits_for_start() const noexcept {
   return phase_ == Phase::kRunning && first_command_ns_ == 0 && skill_->start_ns > driver_.received_ns();
 }
 
-void Loop::start_trajectory() noexcept {
+void Loop::start_trajectory(double speed_before) noexcept {
   path_.start(skill_->speed);
+  trajectory_began_ = cycle_.time;
   slowed_ = 0;
   waited_ = false;
   rejoin_.stop();
   wanted_ = {};  // a trajectory that exerts nothing does not say so
-  const Reference from = skill_->start_from(reference_);
+  const Reference from = skill_->start_from(reference_, speed_before);
   watch_.start(PartWatch::kTrajectory, skill_->numbers.trajectory, [&] { skill_->trajectory->start(from); });
 }
 
@@ -731,16 +744,21 @@ void Loop::take_over() noexcept {
     termination_ = phase_ == Phase::kBraking ? termination_ : -1;
     end(skill_, phase_ == Phase::kBraking ? ending_ : next_->after != 0 ? Ending::kTerminated : Ending::kPreempted);
   }
-  if (!holder_->controller->tracks()) {
-    gate_.place(cycle_.q);
-    reference_.motion = Channels::kJoint;
-    reference_.joint = {cycle_.q, cycle_.dq, Vector7::Zero()};
-  }
+  go_on_from_arm();
   robot_->pass(static_cast<int>(ticks_), gate_.limiter(), reference_);
   change_motion(motion_of(next_->trajectory->fills()));
   start_skill();
   ticks_ = 1;
   skill_time_ = kTick - cycle_.dt;
+}
+
+// Where the controller has let the arm go, the reference is there; returns whether it has.
+bool Loop::go_on_from_arm() noexcept {
+  if (holder_->controller->tracks()) return false;
+  gate_.place(cycle_.q);
+  reference_.motion = Channels::kJoint;
+  reference_.joint = {cycle_.q, cycle_.dq, Vector7::Zero()};
+  return true;
 }
 
 // Under torque control a reference of joints may be replaced by a pose, and a pose by joints: that of the same motion of the arm.
@@ -817,6 +835,7 @@ void Loop::begin_motion() noexcept {
   held_.setZero();
   ticks_ = 1;
   gate_.place(cycle_.q);
+  gate_.walls().begin();
   if (releases_) return let_go();
   reference_ = robot_->start(cycle_, motion_of(next_->trajectory->fills()), model_);
   start_skill();

@@ -70,7 +70,7 @@ class Loop {
   void end_softly(SoftEnding& ending) noexcept;
   void lose_connection() noexcept;
   void start_skill() noexcept;
-  void start_trajectory() noexcept;
+  void start_trajectory(double speed_before) noexcept;
   void start_terminations() noexcept;
   void start_controller(bool move_reference) noexcept;
   void step_controller(Vector7& tau) noexcept;
@@ -78,6 +78,7 @@ class Loop {
   bool waits_for_start() const noexcept;
   const Reference& followed() noexcept;
   void take_over() noexcept;
+  bool go_on_from_arm() noexcept;
   void change_motion(Channels motion) noexcept;
   bool fits_motion(const Skill& skill) const noexcept;
   bool next_waits() const noexcept;
@@ -140,6 +141,7 @@ class Loop {
   double skill_time_ = 0;    // s
   PathClock path_;         // of its trajectory
   double slowed_ = 0;      // s that limits have made it longer
+  double trajectory_began_ = 0;  // s of skill time
   bool waited_ = false;    // for an arm that was held
   bool held_back_ = false;  // by limits, in the step before
   bool trajectory_over_ = false;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -8,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "bridge/queue.hpp"
+#include "bridge/ring.hpp"
 
 namespace realtime {
 
@@ -24,7 +25,7 @@ struct SensorSample {
   std::array<double, kMost> values{};
 };
 
-// How messages of one topic get into one part: the server room puts, the loop takes; neither waits.
+// How messages of one topic get into one part: the server room puts, the loop takes; neither waits. The newest are kept.
 class SensorInput {
  public:
   // Which values make no sense for the part: empty when all do. Called in the server room.
@@ -43,19 +44,23 @@ class SensorInput {
   double timeout() const { return timeout_; }
   std::string check(const SensorSample& sample) const { return check_ ? check_(sample) : ""; }
 
-  // False when the loop is too far behind.
-  bool put(const SensorSample& sample) noexcept { return (tells_ != nullptr && !tells_(sample)) || queue_.push(sample); }
-  // The oldest that was not taken yet, or null; release() gives it up.
-  const SensorSample* next() const noexcept { return queue_.front(); }
-  void release() noexcept { queue_.pop(); }
-  // The newest that was not taken yet, into `sample`; false when there is none.
+  // False when that overwrote one that was not taken yet: the loop is too far behind, or the skill has not begun.
+  bool put(const SensorSample& sample) noexcept {
+    if (tells_ != nullptr && !tells_(sample)) return true;
+    const bool has_room = ring_.written() - taken_.load(std::memory_order_acquire) < kRoom;
+    ring_.push(sample);
+    return has_room;
+  }
+  // The oldest that is still there and was not taken yet, into `sample`; false when there is none.
+  bool take(SensorSample& sample) noexcept {
+    const bool any = reader_.next(sample);
+    taken_.store(reader_.position(), std::memory_order_release);
+    return any;
+  }
+  // The newest that was not taken yet, likewise; the others are given up.
   bool newest(SensorSample& sample) noexcept {
     bool any = false;
-    for (const SensorSample* found = next(); found != nullptr; found = next()) {
-      sample = *found;
-      any = true;
-      release();
-    }
+    while (take(sample)) any = true;
     return any;
   }
 
@@ -65,7 +70,10 @@ class SensorInput {
   double timeout_;
   Check check_;
   Tells tells_;
-  bridge::Queue<SensorSample> queue_{256};
+  static constexpr std::size_t kRoom = 255;  // messages
+  bridge::Ring<SensorSample> ring_{kRoom + 1};
+  bridge::RingReader<SensorSample> reader_{ring_};
+  std::atomic<std::uint64_t> taken_{0};  // of the ring, from its first
 };
 
 }  // namespace realtime

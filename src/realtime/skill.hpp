@@ -8,6 +8,7 @@
 #include "realtime/controllers/controller.hpp"
 #include "realtime/held_by.hpp"
 #include "realtime/part_watch.hpp"
+#include "realtime/slow.hpp"
 #include "realtime/terminations/termination.hpp"
 #include "realtime/trajectories/trajectory_generator.hpp"
 
@@ -34,9 +35,12 @@ struct Skill {
   double speed = 1;          // of the time along its trajectory, 0.01 to 1
   std::int64_t start_ns = 0;  // CLOCK_MONOTONIC; until then the arm rests where it is, or the skill before goes on
 
-  // What its trajectory starts from. A slow one begins at rest: a fast motion that it takes over from is braked by the limits, and
-  // not on its clock, which would lead it astray.
-  Reference start_from(const Reference& reference) const noexcept { return speed < 1 ? at_rest(reference) : reference; }
+  // What its trajectory starts from, on that one's clock; `speed_before`: of the skill that led there. After a faster one it begins
+  // at rest: that motion is braked by the limits, and not on the slower clock, which would lead it astray.
+  Reference start_from(Reference reference, double speed_before) const noexcept {
+    slow(reference, speed_before <= speed ? 1 / speed : 0, 0);
+    return reference;
+  }
 };
 
 // Other parts for a skill that runs, of the same robot controller and settings. Goes back through the door with the parts that

@@ -88,7 +88,9 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
     held |= HeldBy::kPower;
   }
   bool limited = asked_.scale(share < 1 ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau);
-  const HeldBy pushed_away = walls.arm() != nullptr ? walls.add(cycle.q, cycle.dq, mobility, c, tau) : HeldBy::kNothing;
+  const bool has_walls = walls.arm() != nullptr;
+  if (has_walls) walls.look(cycle.q, cycle.dq);
+  const HeldBy pushed_away = has_walls ? walls.add(cycle.dq, mobility, c, tau) : HeldBy::kNothing;
   held |= pushed_away;
   const JointBarrier::Lead lead{cycle.dq_ref, away, pushed};
   auto tool = tool_brake(cycle, pushed, kApproach);
@@ -100,7 +102,7 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   const SpeedBounds speeds{barrier_.dq_min(), barrier_.dq_max(), bounds_.tool_speed, bounds_.power, kMostTaken};
   if (!falling.keeps(speeds, tau_J_d)) {
     Vector7 slower = c * std::min(1., bounds_.power / std::max(c.dot(cycle.dq), 1e-9));
-    if (pushed_away != HeldBy::kNothing) walls.add(cycle.q, cycle.dq, mobility, c, slower);
+    if (pushed_away != HeldBy::kNothing) walls.add(cycle.dq, mobility, c, slower);
     tool = tool_brake(cycle, pushed, 0);
     barrier_.add(cycle.q, cycle.dq, mobility, c, lead, slower, tool ? &*tool : nullptr);
     falling.hold(speeds, slower, tau_J_d);

@@ -331,7 +331,7 @@ frankapy::proto::Wall read_wall(const toml::table& node, const std::string& sour
   if (const auto* held = table.find("held")) wall.set_held(table.boolean(*held, "held"));
   table.finish();
   try {
-    WallStore({wall});
+    WallStore store({wall});
   } catch (const Refused& refused) {
     table.fail(node, refused.what());
   }
@@ -380,6 +380,11 @@ ArmConfig read_arm(const toml::table& node, const std::string& source) {
       if (!names.insert(arm.walls.back().name()).second) {
         table.fail(each, fmt::format("arm.wall.name = '{}': another wall has this name", arm.walls.back().name()));
       }
+    }
+    try {
+      WallStore store(arm.walls);
+    } catch (const Refused& refused) {
+      table.fail(*walls, fmt::format("arm.wall: {}", refused.what()));
     }
   }
   table.finish();

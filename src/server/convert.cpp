@@ -18,6 +18,11 @@ void put(const std::array<double, N>& from, google::protobuf::RepeatedField<doub
   std::copy(from.begin(), from.end(), to->begin());
 }
 
+template <int N>
+void put(const Eigen::Matrix<double, N, 1>& from, google::protobuf::RepeatedField<double>* to) {
+  to->Assign(from.data(), from.data() + N);
+}
+
 void put(const fci::Errors& from, google::protobuf::RepeatedPtrField<std::string>* to) {
   to->Clear();
   for (std::size_t i = 0; i < from.size(); ++i) {
@@ -211,21 +216,28 @@ void convert(const realtime::Record& record, proto::ArmState& out) {
   out.set_skill_id(record.skill_id);
   out.set_skill_time(record.skill_time);
   out.clear_q_ref();
+  out.clear_dq_ref();
   out.clear_o_t_ee_ref();
+  out.clear_o_dp_ee_ref();
+  out.clear_o_f_ee_ref();
+  out.clear_tau_ref();
   const bool commanded = record.command.message_id != 0;
   if (commanded && record.reference.motion == realtime::Channels::kJoint) {
-    out.mutable_q_ref()->Resize(7, 0);
-    std::copy_n(record.reference.joint.q.data(), 7, out.mutable_q_ref()->begin());
+    put(record.reference.joint.q, out.mutable_q_ref());
+    put(record.reference.joint.dq, out.mutable_dq_ref());
   } else if (commanded) {
     Eigen::Isometry3d pose(record.reference.cartesian.orientation);
     pose.translation() = record.reference.cartesian.position;
     out.mutable_o_t_ee_ref()->Resize(16, 0);
     std::copy_n(pose.data(), 16, out.mutable_o_t_ee_ref()->begin());
+    put(record.reference.cartesian.velocity, out.mutable_o_dp_ee_ref());
   }
+  if (commanded && !record.reference.wrench.isZero(0)) put(record.reference.wrench, out.mutable_o_f_ee_ref());
+  if (commanded && !record.reference.torque.isZero(0)) put(record.reference.torque, out.mutable_tau_ref());
   out.set_limited(record.held_by != realtime::HeldBy::kNothing);
   out.set_held_by(convert(record.held_by));
-  out.mutable_tau_ext_observed()->Assign(record.tau_ext.data(), record.tau_ext.data() + 7);
-  out.mutable_o_f_ext_observed()->Assign(record.O_F_ext_K.data(), record.O_F_ext_K.data() + 6);
+  put(record.tau_ext, out.mutable_tau_ext_observed());
+  put(record.O_F_ext_K, out.mutable_o_f_ext_observed());
   out.set_collision(record.collision);
   out.set_cycles(record.cycles);
   out.set_lost_states(record.lost_states);

@@ -112,7 +112,7 @@ void Gripper::start(const proto::GripperCommand& command, std::uint64_t ticket) 
     if (!client_) throw Refused(proto::Error::NOT_READY, "no hand: " + why_not_);
     client = client_;
   }
-  if (running_.size() >= kMostAtOnce) {
+  if (running_.size() >= (command.has_stop() ? 2 : 1) * kMostAtOnce) {  // there is room to stop them
     throw Refused(proto::Error::BUSY,
                   fmt::format("{} gripper commands are under way: wait for them, or stop the gripper", kMostAtOnce));
   }

@@ -50,8 +50,9 @@ void Skills::move_back(const realtime::Vector7& q, std::function<void(const std:
 void Skills::begin_own(Build& build, std::function<void(const std::string&)> done) {
   auto skill = std::move(build.skill);
   const std::uint64_t id = skill->id = build.skill_id;
-  publisher_.describe(id, build.message.description());
-  Running running{build.from, {}, skill->trajectory->goal(), std::move(build.message), skill->mode, skill->settings};
+  publisher_.describe(id, build.message);
+  Running running{build.from, {}, skill->trajectory->goal(), std::move(build.message), skill->mode, skill->settings, false,
+                  build.made_at};
   running.done = std::move(done);
   running_.emplace(id, std::move(running));
   if (const auto unread = door_.next.put(std::move(skill))) end({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});

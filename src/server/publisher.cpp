@@ -13,6 +13,7 @@
 #include "server/clocks.hpp"
 #include "server/convert.hpp"
 #include "server/gripper.hpp"
+#include "server/registry.hpp"
 
 namespace server {
 
@@ -161,9 +162,11 @@ void Publisher::describe(proto::ServerStatus& out) const {
 void Publisher::add_rest(const realtime::Record& record, proto::ArmState& state) const {
   const auto description = descriptions_.find(record.skill_id);
   if (description != descriptions_.end()) {
-    state.set_skill_description(description->second);
+    state.set_skill_description(description->second.text);
+    *state.mutable_skill_parts() = description->second.parts;
   } else {
     state.clear_skill_description();
+    state.clear_skill_parts();
   }
   state.clear_gripper();
   if (gripper_ != nullptr) gripper_->put_state(state);
@@ -200,9 +203,13 @@ void Publisher::count(std::shared_ptr<const robot::FciDriver::Counters> not_take
   not_taken_ = std::move(not_taken);
 }
 
-void Publisher::describe(std::uint64_t id, const std::string& description) {
+void Publisher::describe(std::uint64_t id, const proto::Skill& skill) {
+  Description description{skill.description(), {}};
+  description.parts.set_trajectory(kind_of(skill.trajectory()));
+  description.parts.set_controller(kind_of(skill.controller()));
+  for (const auto& each : skill.terminations()) description.parts.add_terminations(kind_of(each));
   const std::lock_guard lock(mutex_);
-  descriptions_[id] = description;
+  descriptions_[id] = std::move(description);
   if (descriptions_.size() > kDescriptionsKept) descriptions_.erase(descriptions_.begin());
 }
 

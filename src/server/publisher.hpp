@@ -49,8 +49,8 @@ class Publisher {
   // How many cycles of motions there were, and how many of them late.
   void describe(frankapy::proto::ServerStatus& out) const;
 
-  // What skill `id` is called in the states.
-  void describe(std::uint64_t id, const std::string& description);
+  // What skill `id` is, for the states.
+  void describe(std::uint64_t id, const frankapy::proto::Skill& skill);
 
  private:
   // What somebody listens to.
@@ -86,7 +86,11 @@ class Publisher {
 
   mutable std::mutex mutex_;
   std::shared_ptr<const robot::FciDriver::Counters> not_taken_;
-  std::map<std::uint64_t, std::string> descriptions_;
+  struct Description {
+    std::string text;
+    frankapy::proto::SkillParts parts;
+  };
+  std::map<std::uint64_t, Description> descriptions_;
 
   std::atomic<bool> quit_{false};
   std::thread thread_;

@@ -81,6 +81,7 @@ void Recovery::after_error(const realtime::SkillResult& result, const realtime::
 }
 
 void Recovery::after(realtime::Ending ending) {
+  if (ending == realtime::Ending::kCancelled) return;  // it has not begun
   never_ = false;
   if (ending == realtime::Ending::kTerminated) in_a_row_ = 0;
 }
@@ -96,7 +97,12 @@ void Recovery::ask(const proto::Recover& recover, const realtime::Record& now, A
   start(std::move(answer), by_itself, now_ns());
 }
 
+void Recovery::stop() {
+  if (!waiting_.empty()) stopped_ = true;
+}
+
 void Recovery::start(Answer answer, bool by_itself, std::int64_t begin_ns) {
+  if (waiting_.empty()) stopped_ = false;
   waiting_.push_back({std::move(answer), by_itself, begin_ns});
   door_.recover.store(true);
 }
@@ -124,6 +130,13 @@ void Recovery::take_results() {
     const bool at_rest = record.phase == realtime::Phase::kIdle || record.phase == realtime::Phase::kConfiguring;
     if (!at_rest || joints.empty()) {
       finish(std::move(waiting), out);
+      continue;
+    }
+    if (stopped_) {
+      proto::Recovery left;
+      left.set_obstacle(proto::OUTSIDE_JOINT_LIMITS);
+      left.set_message(text(joints) + ", and was not moved back, as stop was asked for: recover again");
+      finish(std::move(waiting), left);
       continue;
     }
     for (const auto& [joint, excess] : joints) out.add_moved_back(static_cast<std::uint32_t>(joint));

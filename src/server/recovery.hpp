@@ -40,6 +40,9 @@ class Recovery {
   // The loop is gone.
   void abandon(const std::string& why);
 
+  // While it recovers: afterwards nothing moves.
+  void stop();
+
   bool busy() const { return !waiting_.empty() || moving_back_; }
 
  private:
@@ -71,6 +74,7 @@ class Recovery {
   std::vector<Waiting> waiting_;  // for the loop
   bool moving_back_ = false;
   bool never_ = false;     // says the skill that failed last
+  bool stopped_ = false;   // while it recovered
   unsigned in_a_row_ = 0;  // by itself, without a skill between that has ended by itself
 };
 

@@ -37,8 +37,12 @@ std::unique_ptr<Base> make(const std::vector<Kind<Base>>& kinds, const std::stri
       return each.make(any, arm);
     } catch (const wire::Invalid& error) {
       throw Refused(proto::Error::INVALID_ARGUMENT, error.what());
-    } catch (const std::invalid_argument& error) {
+    } catch (const Refused&) {
+      throw;
+    } catch (const std::exception& error) {
       throw Refused(proto::Error::INVALID_ARGUMENT, name + ": " + error.what());
+    } catch (...) {  // a part of somebody's own may throw anything
+      throw Refused(proto::Error::INVALID_ARGUMENT, name + " threw what is no std::exception as it was made: its constructor may throw std::invalid_argument");
     }
   }
   throw Refused(proto::Error::INVALID_ARGUMENT,

@@ -200,15 +200,22 @@ SkillBuilder::SkillBuilder(std::unique_ptr<realtime::Model> model, const models:
     : model_(std::move(model)), limits_of_loop_(limits), limits_(limits), limiter_(std::make_unique<realtime::Limiter>(limits)) {}
 
 std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message, const realtime::Record& now,
-                                                     const Reference* after, bool path) {
+                                                     const Before& before, MadeAt& made_at) {
   check_message(message);
   realtime::carry(now.state, *model_);
-  const realtime::Arm arm{limits_, *model_, joints_at_start(now, after)};
-  model_->update(arm.q, Vector7::Zero());
+  const auto arm_at = [this](const Vector7& q) {
+    model_->update(q, Vector7::Zero());
+    return realtime::Arm{limits_, *model_, q};
+  };
+  const Vector7 q = joints_at_start(now, before);
+  const bool has_begun = made_at.trajectory.has_value();
+  if (!has_begun) made_at.trajectory = q;
+  if (!made_at.controller) made_at.controller = q;
   auto skill = std::make_unique<realtime::Skill>();
-  skill->trajectory = make_trajectory(message.trajectory(), arm);
+  skill->trajectory = make_trajectory(message.trajectory(), arm_at(*made_at.trajectory));
   skill->speed = message.speed();
-  skill->controller = make_controller(message.controller(), arm);
+  skill->controller = make_controller(message.controller(), arm_at(*made_at.controller));
+  const realtime::Arm arm = arm_at(q);
   const std::string trajectory = kind_of(message.trajectory());
   const Channels filled = skill->trajectory->fills(), motion = motion_of(filled);
   skill->numbers = {number_of(trajectory), number_of(kind_of(message.controller())), {}};
@@ -226,7 +233,7 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   }
   skill->settings = skill->controller->settings();
   if (message.has_start_time()) skill->start_ns = start_ns(message.start_time());
-  if (!path) return skill;
+  if (has_begun) return skill;
   const InPart in_part(skill->numbers.trajectory);
   // The loop starts it again, from where the arm then is.
   realtime::Cycle cycle{now.state, *model_};
@@ -234,7 +241,7 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   cycle.dq = Eigen::Map<const Vector7>(now.state.dq.data());
   cycle.O_T_EE = realtime::pose(now.state.O_T_EE);
   if (skill->mode.cartesian()) check_is_led(arm.q, trajectory);
-  const Reference start = skill->start_from(start_of(motion, now, after, arm.q));
+  const Reference start = skill->start_from(start_of(motion, now, before, arm.q), before.speed);
   skill->trajectory->start(start);
   if (skill->trajectory->shortened()) {
     refuse(fmt::format("{}: its goal is beyond the arm's range; the nearest is {}", trajectory,
@@ -272,17 +279,17 @@ void SkillBuilder::check_posture(const realtime::Skill& skill, const std::string
 }
 
 // Where the skill before ends; else as measured.
-Vector7 SkillBuilder::joints_at_start(const realtime::Record& now, const Reference* after) {
+Vector7 SkillBuilder::joints_at_start(const realtime::Record& now, const Before& before) {
   const Vector7 q = Eigen::Map<const Vector7>(now.state.q.data());
-  if (after == nullptr) return q;
-  return after->motion == Channels::kJoint ? after->joint.q : reach(*model_, limits_, pose_of(*after), q).q;
+  if (!before.end) return q;
+  return before.end->motion == Channels::kJoint ? before.end->joint.q : reach(*model_, limits_, pose_of(*before.end), q).q;
 }
 
 // Where such a motion will begin: where the one before ends; else the reference that is commanded now; else what is measured.
-Reference SkillBuilder::start_of(Channels motion, const realtime::Record& now, const Reference* after, const Vector7& q) {
-  if (after == nullptr && now.command.message_id != 0 && now.reference.motion == motion) return now.reference;
+Reference SkillBuilder::start_of(Channels motion, const realtime::Record& now, const Before& before, const Vector7& q) {
+  if (!before.end && !before.lets_go && now.command.message_id != 0 && now.reference.motion == motion) return now.reference;
   Eigen::Isometry3d O_T_EE = realtime::pose(now.state.O_T_EE);
-  if (after != nullptr) O_T_EE = after->motion == Channels::kJoint ? model_->O_T_EE(q) : pose_of(*after);
+  if (before.end) O_T_EE = before.end->motion == Channels::kJoint ? model_->O_T_EE(q) : pose_of(*before.end);
   Reference start;
   start.motion = motion;
   start.joint.q = q;

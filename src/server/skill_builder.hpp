@@ -16,6 +16,18 @@ namespace server {
 
 class WallStore;
 
+// What a skill comes after.
+struct Before {
+  std::optional<realtime::Reference> end = {};  // of the skill that it is queued behind
+  double speed = 1;                             // of the skill that runs
+  bool lets_go = false;                         // its controller: the arm is where it was led
+};
+
+// Joints of the arm when parts of a skill were made, rad.
+struct MadeAt {
+  std::optional<realtime::Vector7> trajectory, controller;
+};
+
 // Turns a Skill message into a skill for the loop, for one connected arm. What would not work is
 // refused here, before anything moves.
 class SkillBuilder {
@@ -23,11 +35,15 @@ class SkillBuilder {
   // `model` is this room's own. Limits as the loop has them.
   SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits);
 
-  // `now`: the newest record, from where the skill will start; of one that is queued, `after` is where the skill before
-  // will end. `path`: whether to check the way of its trajectory, which has not begun yet. Throws Refused: unknown kinds, values out of range, parts that do not fit each other, goals or paths out of
-  // the arm's reach.
-  std::unique_ptr<realtime::Skill> build(const frankapy::proto::Skill& message, const realtime::Record& now,
-                                         const realtime::Reference* after = nullptr, bool path = true);
+  // `now`: the newest record, from where the skill will start, unless `before` says otherwise. `made_at`: of the parts that a skill
+  // which is changed keeps; those of the others are put there. The way of a trajectory that has not begun yet is checked. Throws
+  // Refused: unknown kinds, values out of range, parts that do not fit each other, goals or paths out of the arm's reach.
+  std::unique_ptr<realtime::Skill> build(const frankapy::proto::Skill& message, const realtime::Record& now, const Before& before,
+                                         MadeAt& made_at);
+  std::unique_ptr<realtime::Skill> build(const frankapy::proto::Skill& message, const realtime::Record& now) {
+    MadeAt made_at;
+    return build(message, now, {}, made_at);
+  }
 
   // From now on no way may lead through these walls, whose names `names` knows: it must outlive this; nor the arm, whose body they
   // have, into itself.
@@ -47,8 +63,8 @@ class SkillBuilder {
     std::optional<realtime::Vector7> posture;
   };
 
-  realtime::Vector7 joints_at_start(const realtime::Record& now, const realtime::Reference* after);
-  realtime::Reference start_of(realtime::Channels motion, const realtime::Record& now, const realtime::Reference* after,
+  realtime::Vector7 joints_at_start(const realtime::Record& now, const Before& before);
+  realtime::Reference start_of(realtime::Channels motion, const realtime::Record& now, const Before& before,
                                const realtime::Vector7& q);
   // Checks the way of a trajectory that has started at `from`, as it looks in that cycle; where limits of the arm ask for it, it
   // then gets a slower pace, and has started again. `elbow`: who makes joints of the poses.

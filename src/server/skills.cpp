@@ -80,18 +80,22 @@ Skills::~Skills() { take_results(); }
 
 void Skills::start(const Address& from, proto::Request& request, std::uint64_t id) {
   auto build = std::make_shared<Build>();
-  const Before before = this->before(from, request.start_skill());
+  const Found found = find(from, request.start_skill());
   build->from = from;
   build->connection = arm_.require();
   build->message.Swap(request.mutable_start_skill()->mutable_skill());
   build->skill_id = id;
-  if (before.queued) build->after = running_.at(request.start_skill().after()).goal;
+  if (found.queued) build->before.end = running_.at(request.start_skill().after()).goal;
+  if (const auto now = running_.find(require_state().skill_id); now != running_.end()) {
+    build->before.speed = now->second.message.speed();
+    build->before.lets_go = now->second.lets_go;
+  }
   build->request = std::move(request);
   put_on_workbench(std::move(build), &Skills::begin);
 }
 
 // Throws Refused where a skill of this client cannot be started now.
-Skills::Before Skills::before(const Address& from, const proto::StartSkill& start) const {
+Skills::Found Skills::find(const Address& from, const proto::StartSkill& start) const {
   clients_.require_lease(from);
   const realtime::Record now = require_state();
   if (now.phase == realtime::Phase::kError) {
@@ -130,35 +134,35 @@ Skills::Before Skills::before(const Address& from, const proto::StartSkill& star
 void Skills::begin(Build& build) {
   const Address& from = build.from;
   const proto::StartSkill& start = build.request.start_skill();
-  const Before before = this->before(from, start);
+  const Found found = find(from, start);
   auto skill = std::move(build.skill);
   auto inputs = sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations);
   const auto publishers = build.message.publishers();
   sensors_.check(publishers, inputs);
   clients_.take_lease(from);
   const std::uint64_t id = skill->id = build.skill_id;
-  if (before.queued) skill->after = start.after();
+  if (found.queued) skill->after = start.after();
   skill->blend = start.blend();
-  publisher_.describe(id, build.message.description());
+  publisher_.describe(id, build.message);
   proto::SkillEvent event;
   event.mutable_started()->Swap(&build.message);
   note(event, id, from);
   Running running{from, kinds_of(event.started()), skill->trajectory->goal(), std::move(*event.mutable_started()), skill->mode,
-                  skill->settings};
-  if (!before.queued) cancel_queue(realtime::Ending::kPreempted);
+                  skill->settings, !skill->controller->tracks(), build.made_at};
+  if (!found.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
-  sensors_.bind(id, std::move(inputs), before.queued, publishers);
+  sensors_.bind(id, std::move(inputs), found.queued, publishers);
   std::unique_ptr<realtime::Skill> unread;
-  if (before.queued) {
+  if (found.queued) {
     queue_.push_back(std::move(skill));
     hand_on_queued();
-  } else if (!before.cancelled) {
+  } else if (!found.cancelled) {
     unread = door_.next.put(std::move(skill));
   }
   proto::Reply reply;
   reply.mutable_skill_started()->set_skill_id(id);
   answers_.send(from, reply);
-  if (before.cancelled) end({.skill_id = id, .ending = realtime::Ending::kCancelled});
+  if (found.cancelled) end({.skill_id = id, .ending = realtime::Ending::kCancelled});
   if (unread) end({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});
 }
 
@@ -168,7 +172,11 @@ void Skills::change(const Address& from, proto::Request& request) {
   build->from = from;
   build->message = changed(from, request.change_skill());
   build->connection = arm_.require();
-  build->path = request.change_skill().has_trajectory();
+  const Running& running = running_.at(request.change_skill().skill_id());
+  build->before.speed = running.message.speed();
+  build->before.lets_go = running.lets_go && request.change_skill().has_controller();
+  if (!request.change_skill().has_trajectory()) build->made_at.trajectory = running.made_at.trajectory;
+  if (!request.change_skill().has_controller()) build->made_at.controller = running.made_at.controller;
   build->request = std::move(request);
   put_on_workbench(std::move(build), &Skills::begin_change);
 }
@@ -207,7 +215,8 @@ void Skills::begin_change(Build& build) {
   auto parts = std::make_unique<realtime::Change>();
   parts->skill_id = change.skill_id();
   parts->numbers = skill.numbers;
-  changing_ = Changing{build.from, change.skill_id(), std::move(build.message), running.goal, {}};
+  changing_ = Changing{build.from,   change.skill_id(),            std::move(build.message), running.goal,
+                       !skill.controller->tracks(), build.made_at, {}};
   const auto listen = [this](const realtime::Part& part) {
     for (auto& input : part.sensor_inputs()) changing_->inputs.push_back(std::move(input));
   };
@@ -234,8 +243,8 @@ void Skills::check(const Address& from, proto::Request& request) {
   build->from = from;
   build->connection = arm_.require();
   if (const auto& joints = request.check_skill().joints(); !joints.empty()) {
-    build->after.emplace().motion = realtime::Channels::kJoint;
-    build->after->joint.q = realtime::Vector7::Map(joints.data());
+    build->before.end.emplace().motion = realtime::Channels::kJoint;
+    build->before.end->joint.q = realtime::Vector7::Map(joints.data());
   }
   build->message.Swap(request.mutable_check_skill()->mutable_skill());
   put_on_workbench(std::move(build), &Skills::tell_checked);
@@ -272,7 +281,7 @@ void Skills::make(Build& build) {
   const auto& walls = *build.connection.walls;
   builder.keep_from(std::make_unique<realtime::Walls>(walls.walls), walls.names);
   builder.keep_to(build.connection.limits);
-  build.skill = builder.build(build.message, require_state(), build.after ? &*build.after : nullptr, build.path);
+  build.skill = builder.build(build.message, require_state(), build.before, build.made_at);
 }
 
 void Skills::take_changes() {
@@ -291,8 +300,11 @@ void Skills::take_changes() {
       running->second.message = changing.message;
       running->second.terminations = kinds_of(changing.message);
       running->second.goal = changing.goal;
+      running->second.lets_go = changing.lets_go;
+      running->second.made_at = changing.made_at;
       proto::SkillEvent event;
       *event.mutable_changed() = running->second.message;
+      publisher_.describe(changing.skill, running->second.message);
       note(event, changing.skill, changing.from);
     }
     answers_.send_done(changing.from);
@@ -314,6 +326,7 @@ void Skills::cancel_queue(realtime::Ending ending) {
 
 void Skills::stop(const Address& from) {
   door_.stop_up_to.store(last_skill_);
+  recovery_.stop();
   cancel_queue(realtime::Ending::kStopped);
   answers_.send_done(from);
 }
@@ -383,7 +396,7 @@ void Skills::end(const realtime::SkillResult& result) {
       tell(id, reply);
     });
   } else {
-    recovery_.after(result.ending);
+    if (!running->second.done) recovery_.after(result.ending);
     tell(result.skill_id, reply);
   }
   if (result.ending != realtime::Ending::kTerminated && !queue_.empty() && queue_.front()->after == result.skill_id) {

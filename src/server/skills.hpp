@@ -15,6 +15,7 @@
 #include "server/client_jobs.hpp"
 #include "server/clients.hpp"
 #include "server/connected_arm.hpp"
+#include "server/skill_builder.hpp"
 
 namespace server {
 
@@ -69,6 +70,8 @@ class Skills {
     frankapy::proto::Skill message;
     robot::Mode mode;
     robot::Settings settings;
+    bool lets_go;  // its controller
+    MadeAt made_at;
     std::function<void(const std::string&)> done = nullptr;  // of the server's own
     std::string black_box = {};                               // once its client is gone
     bool client_is_gone = false;
@@ -78,6 +81,8 @@ class Skills {
     std::uint64_t skill = 0;
     frankapy::proto::Skill message;  // what the skill then is
     realtime::Reference goal;
+    bool lets_go;
+    MadeAt made_at;
     std::vector<std::shared_ptr<realtime::SensorInput>> inputs;
   };
 
@@ -88,17 +93,17 @@ class Skills {
     ConnectedArm::Connection connection;
     frankapy::proto::Skill message;  // what the skill is, or will be
     std::uint64_t skill_id = 0;
-    std::optional<realtime::Reference> after;  // the end of the one before, where that is queued behind; or where a checked one begins
-    bool path = true;
+    Before before;  // where a checked one begins, too
+    MadeAt made_at;
     std::unique_ptr<realtime::Skill> skill;
   };
-  // What a skill to start finds before it.
-  struct Before {
+  // What a skill to start finds.
+  struct Found {
     bool queued = false;     // it waits for a skill that runs
     bool cancelled = false;  // the skill that it was to wait for did not end by itself
   };
 
-  Before before(const Address& from, const frankapy::proto::StartSkill& start) const;
+  Found find(const Address& from, const frankapy::proto::StartSkill& start) const;
   void begin(Build& build);
   frankapy::proto::Skill changed(const Address& from, const frankapy::proto::ChangeSkill& change) const;
   void begin_change(Build& build);

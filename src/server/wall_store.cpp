@@ -109,6 +109,7 @@ WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd, std::string 
     entries_[wall.name()].configured = true;
     configured_.insert(wall.name());
   }
+  check_numbers(entries_);
   proto::Walls kept;
   if (!load(file_, kept)) spdlog::error("{}: the walls in it cannot be read: add them anew", file_);
   for (const proto::Wall& wall : kept.walls()) {
@@ -132,6 +133,24 @@ void WallStore::take_again(const proto::Wall& wall) {
     apply(change, {"", "", proto::LAB});
   } catch (const Refused& refused) {
     spdlog::warn("a wall that was kept is left out: {}", refused.what());
+  }
+}
+
+// That the loop can look at all of them in a cycle.
+void WallStore::check_numbers(const std::map<std::string, Entry>& entries) {
+  const auto held = std::count_if(entries.begin(), entries.end(), [](const auto& each) { return each.second.wall.held(); });
+  constexpr int kMostHeld = realtime::ArmCapsules::kMostHeld;
+  if (held > kMostHeld) refuse(fmt::format("{} bodies would be held: expected at most {}", held, kMostHeld));
+  if (const auto walls = static_cast<long>(entries.size()) - held; walls > realtime::Walls::kMost) {
+    refuse(fmt::format("there would be {} walls: expected at most {}, which is what the 1 kHz loop can look at in a cycle", walls,
+                       realtime::Walls::kMost));
+  }
+  int triangles = 0;
+  for (const auto& [name, entry] : entries) triangles += entry.wall.held() ? 0 : entry.wall.mesh().triangles_size() / 3;
+  if (triangles > realtime::Walls::kMostTriangles) {
+    refuse(fmt::format("the meshes would have {} triangles: expected at most {} in all, which is what the 1 kHz loop can look at in a "
+                       "cycle. Make them simpler",
+                       triangles, realtime::Walls::kMostTriangles));
   }
 }
 
@@ -190,6 +209,12 @@ proto::ChangeWalls WallStore::changes() const {
 }
 
 void WallStore::apply(const proto::ChangeWalls& change, const Keys::Client& who) {
+  // Before any of them is looked at: that takes its time.
+  if (constexpr int kMost = realtime::Walls::kMost + realtime::ArmCapsules::kMostHeld; change.put_size() > kMost) {
+    refuse(fmt::format("the change has {} walls: expected at most {}, which is what the 1 kHz loop can look at in a cycle, and {} "
+                       "bodies that are held",
+                       change.put_size(), realtime::Walls::kMost, realtime::ArmCapsules::kMostHeld));
+  }
   auto entries = entries_;
   auto id = last_id_;
   const bool lab = who.role == proto::LAB;
@@ -211,20 +236,7 @@ void WallStore::apply(const proto::ChangeWalls& change, const Keys::Client& who)
     if (!lab) wall.clear_fixed();
     put(wall, entries, ++id);
   }
-  const auto held = std::count_if(entries.begin(), entries.end(), [](const auto& each) { return each.second.wall.held(); });
-  constexpr int kMostHeld = realtime::ArmCapsules::kMostHeld;
-  if (held > kMostHeld) refuse(fmt::format("{} bodies would be held: expected at most {}", held, kMostHeld));
-  if (const auto walls = static_cast<long>(entries.size()) - held; walls > realtime::Walls::kMost) {
-    refuse(fmt::format("there would be {} walls: expected at most {}, which is what the 1 kHz loop can look at in a cycle", walls,
-                       realtime::Walls::kMost));
-  }
-  int triangles = 0;
-  for (const auto& [name, entry] : entries) triangles += entry.wall.held() ? 0 : entry.wall.mesh().triangles_size() / 3;
-  if (triangles > realtime::Walls::kMostTriangles) {
-    refuse(fmt::format("the meshes would have {} triangles: expected at most {} in all, which is what the 1 kHz loop can look at in a "
-                       "cycle. Make them simpler",
-                       triangles, realtime::Walls::kMostTriangles));
-  }
+  check_numbers(entries);
   entries_ = std::move(entries);
   last_id_ = id;
 }

@@ -42,6 +42,7 @@ class WallStore {
     bool configured = false;  // as it is in the configuration
   };
   static void put(frankapy::proto::Wall wall, std::map<std::string, Entry>& into, std::uint32_t id);
+  static void check_numbers(const std::map<std::string, Entry>& entries);
 
   void take_again(const frankapy::proto::Wall& wall);
   void apply(const frankapy::proto::ChangeWalls& change, const Keys::Client& who);

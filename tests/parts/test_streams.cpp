@@ -3,6 +3,7 @@
 #include <cmath>
 #include <random>
 
+#include "realtime/sensor_input.hpp"
 #include "realtime/trajectories/target_stream.hpp"
 #include "realtime/trajectories/velocity_stream.hpp"
 #include "tests/realtime/allocation_counter.hpp"
@@ -49,7 +50,7 @@ TEST(TargetStream, PassesTargetsOfASmoothMotionAfterTheDelay) {
   for (int i = 0; i < 4000; ++i) {
     const double t = i * kTick;
     if (i % 50 == 0) stream.add(t, {wave(t), t, 0, false});
-    watch.x.push_back(stream.at(t).x);
+    watch.x.push_back(stream.at(t, t).x);
   }
   EXPECT_LT(watch.judge().most_error, 5e-4);
 }
@@ -61,9 +62,22 @@ TEST(TargetStream, TheLongestDelayIsKeptAtTheHighestRate) {
   for (int i = 0; i < 5000; ++i) {
     const double t = i * kTick;
     stream.add(t, {wave(t), t, 0, false});
-    watch.x.push_back(stream.at(t).x);
+    watch.x.push_back(stream.at(t, t).x);
   }
   EXPECT_LT(watch.judge().most_error, 1e-5);
+}
+
+TEST(TargetStream, OfTargetsInOneCycleTheLastIsGoneTo) {
+  Stream flooded(0, 0, kRates), calm(0, 0, kRates);
+  flooded.start({});
+  calm.start({});
+  for (int i = 0; i < 1000; ++i) {
+    const double t = i * kTick;
+    for (int k = 100; k > 0; --k) flooded.add(t, {wave(t) + k * Vector(0.01, -0.01), t, 0, false});
+    flooded.add(t, {wave(t), t, 0, false});
+    calm.add(t, {wave(t), t, 0, false});
+    ASSERT_EQ(flooded.at(t, t).x, calm.at(t, t).x) << i;
+  }
 }
 
 // Each of 200 targets in 2 s, as long as there may be.
@@ -77,7 +91,7 @@ TEST(TargetStream, ChunksThatExtendEachOtherAreAllPassed) {
       const double lead = 2.0 * i + 0.01 * k;
       stream.add(t, {wave(lead), 0, lead, false});
     }
-    watch.x.push_back(stream.at(t).x);
+    watch.x.push_back(stream.at(t, t).x);
   }
   EXPECT_LT(watch.judge().most_error, 5e-4);
 }
@@ -103,7 +117,7 @@ TEST(TargetStream, IsSmoothWhateverTheNetworkDoes) {
         // The publisher's clock is another.
         stream.add(t, {wave(messages[next].sent), messages[next].sent + 1e5, 0, false});
       }
-      x.push_back(stream.at(t).x);
+      x.push_back(stream.at(t, t).x);
     }
     Watch watch{0, x, 100};
     const Watched seen = watch.judge();
@@ -131,7 +145,7 @@ TEST(TargetStream, RestsAtTheLastWhereTargetsCeaseAndComesBackSmoothly) {
     const double t = i * kTick;
     const bool silent = t > 1.5 && t < 3;
     if (i % 20 == 0 && !silent) stream.add(t, {wave(t), t, 0, false});
-    x.push_back(stream.at(t).x);
+    x.push_back(stream.at(t, t).x);
   }
   EXPECT_LT((x[2990] - wave(1.5)).norm(), 1e-8);
   const Watched seen = Watch{0, x, 100}.judge();
@@ -143,7 +157,7 @@ TEST(TargetStream, BrakesUntilTheFirstTargetWhereItBeginsInMotion) {
   Stream stream(std::nullopt, 0, kRates);
   stream.start({Vector::Zero(), Vector(0.3, 0), Vector::Zero()});
   std::vector<Vector> x;
-  for (int i = 1; i < 1000; ++i) x.push_back(stream.at(i * kTick).x);
+  for (int i = 1; i < 1000; ++i) x.push_back(stream.at(i * kTick, i * kTick).x);
   EXPECT_NEAR(x.front()[0], 0.3 * kTick, 1e-6);
   EXPECT_LT(Watch({0, x, 100}).judge().most_a, 6 * 1.01);
   EXPECT_GT(x.back()[0], 0.3 * 0.3 / (2 * 6));
@@ -162,7 +176,7 @@ TEST(TargetStream, TargetsInAHeapAreNoFastMotion) {
       for (int i = 0; i < 4000; ++i) {
         const double t = i * kTick;
         for (; arrives(sent) <= t; ++sent) stream.add(t, {Vector(0.3, -0.2) * 0.02 * sent, 0.02 * sent, 0, false});
-        x.push_back(stream.at(t).x);
+        x.push_back(stream.at(t, t).x);
       }
       const Vector last = Vector(0.3, -0.2) * 0.02 * 99;
       double beyond = 0;
@@ -189,7 +203,7 @@ TEST(TargetStream, HoweverFastTheArmsTimeGoesTheMotionStaysAmongTargets) {
         publisher += kTick / rate * uneven(random) * (static_cast<int>(publisher / 0.1) % 2 ? 0.6 : 1.4);
         const auto circle = [](double angle) { return Vector(0.05 * std::sin(angle), 0.05 * std::cos(angle) - 0.05); };
         for (; 0.022 * sent <= publisher; ++sent) stream.add(t, {circle(0.063 * sent), 0.022 * sent, 0, false});
-        const Vector x = stream.at(t).x;
+        const Vector x = stream.at(t, t).x;
         ASSERT_LT((x - Vector(0, -0.05)).norm(), 0.05 + 0.02) << "at " << t << " s, rate " << rate << ", seed " << seed;
       }
     }
@@ -204,7 +218,7 @@ TEST(TargetStream, AJumpIsGoneToInsideTheRates) {
     for (int i = 0; i < 4000; ++i) {
       const double t = i * kTick;
       if (i % 50 == 0) stream.add(t, {t < 1 ? Vector(0, 0) : Vector(1, -0.5), t, 0, false});
-      x.push_back(stream.at(t).x);
+      x.push_back(stream.at(t, t).x);
     }
     const Watched seen = Watch{0, x, 100}.judge();
     EXPECT_LT(seen.most_v, 1.5 * 1.02);
@@ -229,7 +243,7 @@ TEST(TargetStream, HoweverLateTargetsAreTheMotionStaysAmongThem) {
         for (; arrives(0.02 * sent) <= publisher && !(t > 2 && t < 2 + leap); ++sent) {
           stream.add(t, {wave(0.02 * sent), 0.02 * sent, 0, false});
         }
-        x.push_back(stream.at(t).x);
+        x.push_back(stream.at(t, t).x);
         ASSERT_LT(x.back()[0], 0.13) << late << " s, " << leap << " s, at " << t;
         ASSERT_GT(x.back()[0], -0.13) << late << " s, " << leap << " s, at " << t;
       }
@@ -247,17 +261,17 @@ TEST(TargetStream, HoweverLateTargetsAreTheMotionStaysAmongThem) {
 TEST(TargetStream, AtOnceItAnswersInTheSameTickAndStopsAfterTheTimeout) {
   Stream stream(0.0, 0.2, kRates);
   stream.start({});
-  stream.at(0);
+  stream.at(0, 0);
   stream.add(0, {Vector(1, 1), kNoClock, 0, false});
-  EXPECT_GT(stream.at(kTick).a.norm(), 0);
+  EXPECT_GT(stream.at(kTick, kTick).a.norm(), 0);
   std::vector<Vector> x;
-  for (int i = 2; i < 2000; ++i) x.push_back(stream.at(i * kTick).x);
+  for (int i = 2; i < 2000; ++i) x.push_back(stream.at(i * kTick, i * kTick).x);
   EXPECT_LT((x.back() - x[x.size() - 100]).norm(), 1e-9);
   EXPECT_LT(x.back()[0], 0.6);
   // Another target goes on from there.
   stream.add(2, {Vector(1, 1), kNoClock, 0, false});
-  for (int i = 2000; i < 2150; ++i) stream.at(i * kTick);
-  EXPECT_GT(stream.at(2.15).x[0], x.back()[0]);
+  for (int i = 2000; i < 2150; ++i) stream.at(i * kTick, i * kTick);
+  EXPECT_GT(stream.at(2.15, 2.15).x[0], x.back()[0]);
 }
 
 TEST(TargetStream, ChunksAreFollowedAtTheirTimesExtendedAndReplaced) {
@@ -275,7 +289,7 @@ TEST(TargetStream, ChunksAreFollowedAtTheirTimesExtendedAndReplaced) {
     if (i == 0) send(t, 0, wave);
     if (i == 800) send(t, 0.05, wave);  // before the first has run out
     if (i == 1500) send(t, 0.1, [](double) { return Vector(0.05, 0.05); });
-    x.push_back(stream.at(t).x);
+    x.push_back(stream.at(t, t).x);
   }
   for (double t : {0.5, 0.9, 1.4}) EXPECT_LT((x[static_cast<std::size_t>(t / kTick)] - wave(t)).norm(), 5e-3) << t;
   EXPECT_LT((x.back() - Vector(0.05, 0.05)).norm(), 1e-6);
@@ -289,7 +303,7 @@ TEST(TargetStream, AllocatesNothing) {
   for (int i = 0; i < 2000; ++i) {
     const double t = i * kTick;
     if (i % 30 == 0) stream.add(t, {i % 300 == 0 ? Vector(0.5, 0) : wave(t), t, 0, false});
-    stream.at(t);
+    stream.at(t, t);
   }
   EXPECT_EQ(counter.count(), 0u);
 }
@@ -300,7 +314,7 @@ TEST(VelocityStream, ReachesWhatComesInsideTheRatesAndStopsAfterTheTimeout) {
   std::vector<Vector> x;
   for (int i = 0; i < 3000; ++i) {
     const double t = i * kTick;
-    x.push_back(stream.at(t).x);
+    x.push_back(stream.at(t, t).x);
     if (i % 50 == 0 && t < 1) stream.add(Vector(0.3, -3));
   }
   const Watched seen = Watch{0, x, 100}.judge();
@@ -308,6 +322,30 @@ TEST(VelocityStream, ReachesWhatComesInsideTheRatesAndStopsAfterTheTimeout) {
   EXPECT_NEAR((x[900][1] - x[899][1]) / kTick, -1.5, 1e-6);
   EXPECT_LT(seen.most_a, 6.01);
   EXPECT_LT((x.back() - x[2000]).norm(), 1e-9);
+}
+
+TEST(SensorInput, OfWhatWaitsTheNewestIsKept) {
+  SensorInput input("topic", {"JointPositionSensorMessage"});
+  const auto put = [&input](double value) {
+    SensorSample sample;
+    sample.values[0] = value;
+    return input.put(sample);
+  };
+  for (int i = 0; i < 255; ++i) ASSERT_TRUE(put(i)) << i;
+  for (int i = 255; i < 1000; ++i) ASSERT_FALSE(put(i)) << i;
+  double last = -1;
+  int taken = 0;
+  for (SensorSample sample; input.take(sample); ++taken) {
+    ASSERT_GT(sample.values[0], last);
+    last = sample.values[0];
+  }
+  EXPECT_EQ(last, 999);
+  EXPECT_GE(taken, 128);
+  EXPECT_TRUE(put(1000));
+  SensorSample sample;
+  EXPECT_TRUE(input.newest(sample));
+  EXPECT_EQ(sample.values[0], 1000);
+  EXPECT_FALSE(input.newest(sample));
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include "realtime/terminations/moved.hpp"
 #include "realtime/terminations/never.hpp"
 #include "realtime/terminations/outside_box.hpp"
+#include "realtime/terminations/sensor_says.hpp"
 #include "realtime/terminations/time.hpp"
 #include "realtime/terminations/velocity_below.hpp"
 #include "realtime/terminations/wrench_above.hpp"
@@ -65,6 +66,23 @@ TEST_F(Terminations, time_after_the_trajectory_counts_from_its_end_wherever_that
     }
     EXPECT_EQ(ms, over_at + 200);
   }
+}
+
+TEST_F(Terminations, what_a_sensor_says_is_not_lost_among_other_messages) {
+  realtime::SensorSays says("topic");
+  const auto input = says.sensor_inputs().at(0);
+  const Progress progress{joints, false, reference};
+  const auto put = [&](bool end, int times) {
+    realtime::SensorSample sample;
+    sample.values[1] = end ? 1 : 0;
+    for (int i = 0; i < times; ++i) input->put(sample);
+  };
+  put(false, 1000);
+  EXPECT_FALSE(says.step(arm.cycle, progress));
+  put(true, 1);
+  put(false, 1000);
+  EXPECT_TRUE(says.step(arm.cycle, progress));
+  EXPECT_TRUE(says.step(arm.cycle, progress)) << "it stays said";
 }
 
 TEST_F(Terminations, final_joint_looks_at_every_commanded_joint) {

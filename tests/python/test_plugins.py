@@ -16,7 +16,7 @@ from conftest import HOME, REPOSITORY
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, cli, proto
 from frankapy.connection import list_arms
 from frankapy.new_part import package_folder
-from frankapy.parts import CartesianImpedance, InternalImpedance, JointImpedance, Never, RelativeMinJerkJoint, StayJoint, Time
+from frankapy.parts import AnyOf, CartesianImpedance, InternalImpedance, JointImpedance, Never, RelativeMinJerkJoint, StayJoint, Time
 from frankapy.sim import SimulatedArm, Simulation, program, read_truth
 
 TUTORIAL = REPOSITORY / "docs" / "your-own-part.md"
@@ -530,6 +530,12 @@ def test_a_constructor_that_throws_is_a_refusal(messages, two_arms):
         fa.wait_for_franka_interface()
         with pytest.raises(FrankaArmArgumentError, match="bad_part.BadPart: what is THROWS_AT_ONCE, which nobody wants"):
             fa.run(*skill_with(messages, "controller", "THROWS_AT_ONCE"))
+
+
+def test_a_termination_of_ones_own_may_be_one_of_any(messages, two_arms):
+    with FrankaArm(server=two_arms.server) as fa:
+        fa.wait_for_franka_interface()
+        assert fa.run(StayJoint(1), JointImpedance(), AnyOf(messages.BadTermination(), Time(0.2))).termination == "Time"
 
 
 ENDS = {

@@ -19,8 +19,10 @@ from frankapy import (
 from frankapy.parts import (
     CartesianImpedance,
     Contact,
+    FreeDrive,
     InternalImpedance,
     JointImpedance,
+    JointSamples,
     MinJerkJoint,
     MinJerkPose,
     Never,
@@ -510,6 +512,20 @@ def test_a_flood_disturbs_nothing(fa):
     assert fa.last_skill_result.ending == proto.STOPPED
 
 
+def test_a_slow_skill_stops_as_soon_when_its_stream_ceases(ideal_arm, fa):
+    with fa.publisher("slow") as publisher:
+        fa.run(StreamJointVelocity("slow", timeout=0.5), InternalImpedance(), Never(), speed=0.1, block=False)
+        wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
+        with ideal_arm.standing_still():
+            publisher.publish(proto.JointVelocitySensorMessage(joint_velocities=[0, 0, 0, 0, 0, 0, 0.5]))
+            wait_for(fa, lambda: fa.topics()["slow"].received >= 1)
+        wait_for(fa, lambda: fa.get_arm_state().robot.dq_d[6] > 1e-3)
+        began = fa.get_arm_state().skill_time
+        wait_for(fa, lambda: abs(fa.get_arm_state().robot.dq_d[6]) < 1e-4)
+        assert fa.get_arm_state().skill_time - began < 3  # not 5
+    fa.stop_skill()
+
+
 # --- other parts for a skill that runs -------------------------------------------------------------------------------
 
 
@@ -528,6 +544,58 @@ def test_a_running_skill_gets_other_gains_another_goal_and_another_end(fa):
     fa.wait_for_skill()
     assert fa.last_skill_result.termination == "Time"
     assert fa.last_skill_result.ending == proto.TERMINATED
+
+
+def test_a_change_may_go_from_joints_to_a_pose_and_back(fa):
+    pose = fa.get_pose(include_tool_offset=False)
+    goal = pose.copy()
+    goal.translation = goal.translation + [0.05, 0.05, -0.05]
+    fa.run(MinJerkJoint(NEAR, 1), JointImpedance(), Never(), block=False)
+    wait_for(fa, lambda: fa.get_arm_state().skill_time > 1.5)
+    fa.change(trajectory=MinJerkPose(goal, 1), controller=CartesianImpedance(1000, 60))
+    wait_for(fa, lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - goal.translation).max() < 0.005)
+    fa.change(trajectory=MinJerkJoint(NEAR, 1), controller=JointImpedance(), until=Time(after_trajectory=0.2))
+    fa.wait_for_skill()
+    assert fa.last_skill_result.ending == proto.TERMINATED
+    np.testing.assert_allclose(fa.get_joints(), NEAR, atol=5e-3)
+
+
+def test_an_arm_that_was_led_stays_where_it_is_when_it_is_held_again(ideal_arm, fa):
+    begin = fa.get_pose(include_tool_offset=False).translation
+    fa.run(StayPose(10_000), CartesianImpedance(600, 50), Never(), block=False)
+    wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
+    fa.change(controller=FreeDrive())
+    ideal_arm.simulation.push([20, 0, 0, 0, 0, 0], duration=3600)
+    wait_for(fa, lambda: fa.get_pose(include_tool_offset=False).translation[0] > begin[0] + 0.1)
+    ideal_arm.simulation.push([0] * 6, duration=0)
+    wait_for(fa, lambda: np.abs(fa.get_arm_state().robot.dq).max() < 0.02)
+    left = fa.get_pose(include_tool_offset=False).translation
+    fa.change(controller=CartesianImpedance(600, 50))
+    at = fa.get_arm_state().skill_time
+    wait_for(fa, lambda: fa.get_arm_state().skill_time > at + 3)
+    assert np.linalg.norm(fa.get_pose(include_tool_offset=False).translation - left) < 0.02
+    fa.stop_skill()
+
+
+def test_a_change_keeps_what_is_not_given_wherever_the_arm_is(fa):
+    """Samples begin where the arm was, and a change of another part does not ask for that again."""
+    samples = HOME + np.linspace(0, 1, 3000)[:, None] * (NEAR - HOME) * 2
+    fa.run(JointSamples(samples), JointImpedance(), block=False)
+    wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 0.15)
+    fa.change(controller=JointImpedance())
+    fa.change(until=Time(after_trajectory=0.2))
+    fa.wait_for_skill()
+    assert fa.last_skill_result.termination == "Time"
+    np.testing.assert_allclose(fa.get_joints(), samples[-1], atol=5e-3)
+
+
+def test_a_while_after_the_trajectory_is_after_the_one_that_it_has_now(fa):
+    fa.run(MinJerkJoint(NEAR, 0.5), JointImpedance(), Time(after_trajectory=20), block=False)
+    wait_for(fa, lambda: fa.get_arm_state().skill_time > 5)
+    fa.change(trajectory=MinJerkJoint(HOME, 30))
+    fa.wait_for_skill()
+    assert fa.last_skill_result.time > 54
+    np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
 
 
 def test_a_change_that_does_not_fit_is_refused_and_the_skill_goes_on(fa):

@@ -15,6 +15,8 @@ from frankapy.parts import (
     Moved,
     RelativeMinJerkJoint,
     RelativeMinJerkPose,
+    StreamJoint,
+    Time,
     TimeOptimalJoint,
 )
 
@@ -92,6 +94,26 @@ def test_blended_motions_do_not_stop(ideal_arm):
             slowest[blend] = speeds(ideal_arm, first - 100, last - 400).min()
             np.testing.assert_allclose(fa.get_joints(), HOME + 3 * STEP, atol=1e-3)
         assert slowest[0] < 1e-3 and slowest[0.3] > 0.01
+
+
+def test_slow_motions_blend_as_quick_ones_do(ideal_arm):
+    with ideal_arm.client() as fa:
+        fa.run(MinJerkJoint(HOME, 0.7))
+        with fa.sequence(blend=0.3) as results, ideal_arm.standing_still():
+            for i in range(3):
+                fa.run(MinJerkJoint(HOME + (i + 1) * STEP, 0.4), speed=0.5)
+        first, _, last = (ideal_arm.cycle(result.last_state.robot.message_id) for result in results)
+        rows = ideal_arm.truth(since=first - 100)
+        along = rows[rows["cycle"] <= last - 400]["dq"] @ np.sign(STEP)
+        assert along.min() > 0.05  # neither a stop nor back
+        np.testing.assert_allclose(fa.get_joints(), HOME + 3 * STEP, atol=1e-3)
+
+
+def test_what_is_queued_behind_a_stream_waits_for_its_end(fa):
+    with fa.sequence(blend=0.3) as results:
+        fa.run(StreamJoint("nobody"), JointImpedance(), Time(3))
+        fa.run(MinJerkJoint(HOME, 1))
+    assert results[0].time == pytest.approx(3, abs=0.1)
 
 
 def test_behind_a_failure_everything_is_cancelled(ideal_arm):

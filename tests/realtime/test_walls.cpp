@@ -466,7 +466,8 @@ TEST_P(PushedBack, an_arm_without_a_spring_of_its_own_stops_before_a_wall_and_is
     Vector6 push = Vector6::Zero();
     push[0] = 30;  // N, towards the wall
     Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
-    guard.add(arm.q, arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
+    guard.look(arm.q, arm.dq);
+    guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
     const Vector7 external = arm.model.jacobian().transpose() * push;
     fastest = std::max(fastest, (arm.model.jacobian() * arm.dq)[0]);
     arm.step(tau, external);
@@ -476,6 +477,63 @@ TEST_P(PushedBack, an_arm_without_a_spring_of_its_own_stops_before_a_wall_and_is
   EXPECT_GT(least, 0);
   EXPECT_LT(clearance(), 0.03);
   EXPECT_LT(std::abs((arm.model.jacobian() * arm.dq)[0]), 0.02);
+}
+
+// A wall that comes where the arm is, as one with its normal the wrong way: it is held, and what leads it out may.
+TEST_P(PushedBack, an_arm_that_a_wall_comes_about_is_not_flung_out) {
+  for (const double depth : {0.015, 0.1, 0.5}) {
+    SimulatedArm arm(GetParam(), kMotors);
+    WallGuard guard;
+    const ArmCapsules body(models::arm(GetParam()), true);
+    guard.change(new Walls{body, {}});
+    const Eigen::Vector3d begin = arm.cycle.O_T_EE.translation();
+    double fastest = 0, out = 0;
+    const auto run = [&](int cycles, double force) {
+      for (int k = 0; k < cycles; ++k) {
+        Vector6 push = Vector6::Zero();
+        push[0] = force;
+        Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
+        guard.look(arm.q, arm.dq);
+        guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
+        arm.step(tau, arm.model.jacobian().transpose() * push);
+        fastest = std::max(fastest, (arm.model.jacobian() * arm.dq).head<3>().norm());
+      }
+      out = begin.x() - arm.cycle.O_T_EE.translation().x();
+    };
+    run(200, 0);
+    auto* walls = new Walls{body, {{1, plane({begin.x() - depth, 0, 0}, -Vector3::UnitX())}}};
+    delete guard.change(walls);
+    run(1000, 0);
+    EXPECT_LT(fastest, 0.15) << depth;
+    if (depth > 0.05) EXPECT_LT(std::abs(out), 0.01) << depth;
+    run(1500, -20);
+    EXPECT_GT(out, 0.05) << "it may be led out, " << depth;
+  }
+}
+
+// Whatever stands about it, what is pressed against is not left out.
+TEST_P(PushedBack, many_walls_hold_as_one_does) {
+  for (const int count : {1, 64}) {
+    SimulatedArm arm(GetParam(), kMotors);
+    WallGuard guard;
+    auto* walls = new Walls{ArmCapsules(models::arm(GetParam()), true), {}};
+    const double ahead = arm.cycle.O_T_EE.translation().x() + 0.25;
+    for (int k = count; k > 0; --k) {
+      walls->walls.push_back({static_cast<std::uint32_t>(k), plane({ahead + 1e-4 * (k - 1), 0, 0}, -Vector3::UnitX())});
+    }
+    guard.change(walls);
+    double least = 1e9;
+    for (int k = 0; k < 4000; ++k) {
+      Vector6 push = Vector6::Zero();
+      push[0] = 30;
+      Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
+      guard.look(arm.q, arm.dq);
+      guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
+      arm.step(tau, arm.model.jacobian().transpose() * push);
+      least = std::min(least, clearance_of(*walls, arm.q));
+    }
+    EXPECT_GT(least, 0) << count;
+  }
 }
 
 TEST(SelfDistance, contacts_are_those_of_finite_differences) {

@@ -20,6 +20,12 @@ std::string error_of(const std::string& toml) {
   return "no error";
 }
 
+std::string many_walls(int count) {
+  std::string text;
+  for (int i = 0; i < count; ++i) text += "[[arm.wall]]\nname = 'w" + std::to_string(i) + "'\nshape = 'plane'\n";
+  return text;
+}
+
 TEST(Config, ReadsEverything) {
   const Config config = parse_config(R"(
 [server]
@@ -151,6 +157,7 @@ TEST(Config, EachErrorSaysWhereWhatAndWhatElse) {
       {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'box'\nsize = [1, nan, 1]\n", "arms.toml:7: arm.wall.size[1] = nan: expected edges"},
       {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'plane'\n[[arm.wall]]\nname = 'a'\nshape = 'plane'\n",
        "arms.toml:7: arm.wall.name = 'a': another wall has this name"},
+      {kArm + many_walls(65), "arms.toml:4: arm.wall: there would be 65 walls: expected at most 64"},
       {kArm + "[arm.load]\nmas = 2\n", "arms.toml:4: arm.load.mass is missing: expected kg"},
       {kArm + "[arm.load]\nmass = 200\n", "arms.toml:5: arm.load.mass = 200: expected 0 to 20 kg"},
       {kArm + "[arm.load]\nmass = 1\ncenter_of_mass = [0, 0]\n", "arms.toml:6: arm.load.center_of_mass = [ 0, 0 ]: expected 3"},

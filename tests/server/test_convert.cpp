@@ -90,17 +90,34 @@ TEST(Convert, TheReferenceIsThereWhileSomethingIsCommanded) {
   proto::ArmState message;
   convert(record, message);
   EXPECT_EQ(message.q_ref_size(), 0);
+  EXPECT_EQ(message.dq_ref_size(), 0);
 
+  record.reference.joint.dq[3] = 0.5;
+  record.reference.torque[6] = -2;
   record.command.message_id = 1;
   convert(record, message);
   ASSERT_EQ(message.q_ref_size(), 7);
   EXPECT_EQ(message.q_ref(6), 7);
   EXPECT_EQ(message.o_t_ee_ref_size(), 0);
+  ASSERT_EQ(message.dq_ref_size(), 7);
+  EXPECT_EQ(message.dq_ref(3), 0.5);
+  ASSERT_EQ(message.tau_ref_size(), 7);
+  EXPECT_EQ(message.tau_ref(6), -2);
+  EXPECT_EQ(message.o_f_ee_ref_size(), 0);
 
+  record.reference.torque.setZero();
+  record.reference.wrench[2] = -10;
+  record.reference.cartesian.velocity[5] = 0.25;
   record.reference.motion = realtime::Channels::kPose;
   record.reference.cartesian.position << 0.1, 0.2, 0.3;
   convert(record, message);
   EXPECT_EQ(message.q_ref_size(), 0);
+  EXPECT_EQ(message.dq_ref_size(), 0);
+  EXPECT_EQ(message.tau_ref_size(), 0);
+  ASSERT_EQ(message.o_f_ee_ref_size(), 6);
+  EXPECT_EQ(message.o_f_ee_ref(2), -10);
+  ASSERT_EQ(message.o_dp_ee_ref_size(), 6);
+  EXPECT_EQ(message.o_dp_ee_ref(5), 0.25);
   ASSERT_EQ(message.o_t_ee_ref_size(), 16);
   EXPECT_EQ(message.o_t_ee_ref(0), 1);
   EXPECT_EQ(message.o_t_ee_ref(13), 0.2);

@@ -422,12 +422,14 @@ TEST_F(KeyedSensorTest, ASkillTakesThoseOfThePublishersThatItNames) {
   const auto refused = [](const auto& topics) { return topics.topics_size() == 1 && topics.topics(0).refused() == 1; };
   const auto left = topic(refused);
   EXPECT_EQ(left.why_refused(), "it is of the key \"bob\": the skill that listens takes anna");
-  EXPECT_EQ(input->next(), nullptr);
+  realtime::SensorSample sample;
+  EXPECT_FALSE(input->take(sample));
   publish(anna, 1, 1);  // the number of another's is no way to make hers old
   topic([](const auto& topics) { return topics.topics(0).received() == 2; });
   EXPECT_EQ(topic([](const auto&) { return true; }).out_of_order(), 0U);
-  for (int i = 0; input->next() == nullptr && i < 10'000; ++i) std::this_thread::sleep_for(1ms);
-  EXPECT_NE(input->next(), nullptr);
+  bool came = false;
+  for (int i = 0; !(came = input->take(sample)) && i < 10'000; ++i) std::this_thread::sleep_for(1ms);
+  EXPECT_TRUE(came);
 
   only.add_names("carl");
   expect(refusal([&] { sensors_.check(publishers, {input}); }), "\"carl\" of the topic \"left\": expected names of keys");
@@ -458,7 +460,7 @@ TEST_F(KeyedSensorTest, OnlyPublishersThatASkillTakesOvertakeEachOther) {
     say(bob, since_epoch_ns(now_ns()));
     EXPECT_EQ(say(anna, sent + 1).out_of_order(), both ? 1U : 0U);
     int taken = 0;
-    for (; input->next() != nullptr; ++taken) input->release();
+    for (realtime::SensorSample sample; input->take(sample);) ++taken;
     EXPECT_EQ(taken, 2) << (both ? "hers and his" : "both of hers");
     sensors_.release(skill);
   }

@@ -149,6 +149,10 @@ TEST_F(TransportTest, ASkillIsStartedAndItsResultComesBack) {
   publish();
   const auto state = a.state().state();
   EXPECT_EQ(state.skill_description(), "wave");
+  EXPECT_EQ(state.skill_parts().trajectory(), "MinJerkJoint");
+  EXPECT_EQ(state.skill_parts().controller(), "JointImpedance");
+  ASSERT_EQ(state.skill_parts().terminations_size(), 1);
+  EXPECT_EQ(state.skill_parts().terminations(0), "FinalJoint");
   EXPECT_EQ(state.phase(), proto::RUNNING);
   EXPECT_GE(state.age(), 0);
 
@@ -541,6 +545,39 @@ TEST_F(TransportTest, AfterAnErrorTheArmRecoversByItselfAsOftenAsItsSkillsLetIt)
   get_well();
   answer({.recovered = true});
   EXPECT_EQ(a.receive().skill_result().recovery().in_a_row(), 1u);
+}
+
+TEST_F(TransportTest, WhatIsCancelledBehindAnErrorDoesNotChangeWhoRecovers) {
+  auto a = client();
+  auto message = skill_;
+  message.mutable_recovery()->set_who(proto::RecoveryPolicy::NEVER);
+  const auto first = a.start(message).skill_started().skill_id();
+  auto skill = take();
+  ASSERT_TRUE(a.start_after(skill_, first).has_skill_started());
+  fail(fci::Error::kCommunicationConstraints);
+  finish(std::move(skill), realtime::Ending::kRobotError);
+  EXPECT_EQ(a.receive().skill_result().recovery().who(), proto::RecoveryPolicy::NEVER);
+  finish(std::unique_ptr<realtime::Skill>(door_.queued.take()), realtime::Ending::kCancelled);
+  EXPECT_EQ(a.receive().skill_result().ending(), proto::CANCELLED);
+  EXPECT_FALSE(a.ask(recover()).recovery().recovered());
+  EXPECT_FALSE(door_.recover);
+}
+
+TEST_F(TransportTest, AfterAStopWhileItRecoversNothingIsMovedBack) {
+  auto a = client(), b = client();
+  fail(fci::Error::kJointPositionLimits);
+  record_.state.q[3] = fr3_limits().q_max[3] + 0.005;
+  a.send(recover());
+  while (!door_.recover.load()) std::this_thread::sleep_for(100us);
+  get_well();
+  proto::Request stop;
+  stop.mutable_stop_skill();
+  EXPECT_TRUE(b.ask(stop).has_done());
+  answer({.recovered = true});
+  const auto recovery = a.receive().recovery();
+  EXPECT_FALSE(recovery.recovered());
+  EXPECT_NE(recovery.message().find("stop was asked for"), std::string::npos) << recovery.message();
+  EXPECT_EQ(take(), nullptr);
 }
 
 TEST_F(TransportTest, FromCollisionsAndUserStopsNobodyRecoversButAPerson) {

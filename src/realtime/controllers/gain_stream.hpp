@@ -52,12 +52,11 @@ class GainStream {
   void step() noexcept {
     if (!input_) return;
     ++silent_;
-    while (const SensorSample* sample = input_->next()) {
-      const auto sent = Gains::Map(sample->values.data() + first_);
+    for (SensorSample sample; input_->take(sample);) {
+      const auto sent = Gains::Map(sample.values.data() + first_);
       goal_ = sent.array().isNaN().select(goal_, sent);
       left_ = kCycles;
       silent_ = 0;
-      input_->release();
     }
     if (left_ > 0) gains_ += (goal_ - gains_) / left_--;
   }

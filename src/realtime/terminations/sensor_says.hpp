@@ -15,10 +15,8 @@ class SensorSays : public Termination {
 
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
   bool step(const Cycle&, const Progress&) noexcept override {
-    while (input_->next() != nullptr) {
-      said_ = true;
-      input_->release();
-    }
+    SensorSample sample;
+    said_ |= input_->newest(sample);
     return said_;
   }
 

@@ -22,7 +22,8 @@ class Time : public Termination {
 
  private:
   Parameters parameters_;
-  double over_since_ = -1;  // s of skill time; negative: not over
+  double over_since_ = -1;                   // s of skill time; negative: not over
+  const TrajectoryGenerator* of_ = nullptr;  // that; another takes its place where the skill is changed
 };
 
 }  // namespace realtime

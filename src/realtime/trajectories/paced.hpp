@@ -32,7 +32,9 @@ class Paced : public TrajectoryGenerator {
   Channels fills() const noexcept override { return trajectory_->fills(); }
 
   void start(const Reference& from) noexcept override {
-    trajectory_->start(pace_.places.front().rate < 1 ? at_rest(from) : from);
+    Reference begin = from;
+    if (pace_.places.front().rate < 1) slow(begin, 0, 0);
+    trajectory_->start(begin);
     scale_ = trajectory_->duration() / pace_.places.back().path;
   }
 

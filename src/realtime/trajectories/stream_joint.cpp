@@ -39,15 +39,13 @@ void StreamJoint::start(const Reference& from) noexcept {
   stream_->start({from.joint.q, from.joint.dq, from.joint.ddq});
 }
 
-bool StreamJoint::step(const Cycle&, double time, Reference& reference) noexcept {
-  while (const SensorSample* sample = input_->next()) {
-    const double sent = sample->sent_ns != 0 ? 1e-9 * static_cast<double>(sample->sent_ns)
-                                             : std::numeric_limits<double>::quiet_NaN();
-    stream_->add(time, {Vector7::Map(sample->values.data() + kJointsAt[sample->message]), sent, sample->lead,
-                       sample->replaces});
-    input_->release();
+bool StreamJoint::step(const Cycle& cycle, double time, Reference& reference) noexcept {
+  for (SensorSample sample; input_->take(sample);) {
+    const double sent = sample.sent_ns != 0 ? 1e-9 * static_cast<double>(sample.sent_ns)
+                                            : std::numeric_limits<double>::quiet_NaN();
+    stream_->add(time, {Vector7::Map(sample.values.data() + kJointsAt[sample.message]), sent, sample.lead, sample.replaces});
   }
-  const auto point = stream_->at(time);
+  const auto point = stream_->at(time, cycle.time);
   reference.motion = Channels::kJoint;
   reference.joint = {point.x, point.v, point.a};
   return false;

@@ -62,12 +62,9 @@ void StreamPose::add(double time, const SensorSample& sample, const Vector3& pos
   stream_->add(time, {x, sent, sample.lead, sample.replaces});
 }
 
-bool StreamPose::step(const Cycle&, double time, Reference& reference) noexcept {
-  while (const SensorSample* sample = input_->next()) {
-    take(time, *sample);
-    input_->release();
-  }
-  const auto point = stream_->at(time);
+bool StreamPose::step(const Cycle& cycle, double time, Reference& reference) noexcept {
+  for (SensorSample sample; input_->take(sample);) take(time, sample);
+  const auto point = stream_->at(time, cycle.time);
   const Vector3 r = point.x.tail<3>();
   const auto rates = rotation_rates(r, point.v.tail<3>(), point.a.tail<3>());
   reference.motion = Channels::kPose;

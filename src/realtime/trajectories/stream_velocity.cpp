@@ -31,8 +31,8 @@ void StreamJointVelocity::start(const Reference& from) noexcept {
   stream_->start({from.joint.q, from.joint.dq, from.joint.ddq});
 }
 
-bool StreamJointVelocity::step(const Cycle&, double time, Reference& reference) noexcept {
-  auto point = stream_->at(time);
+bool StreamJointVelocity::step(const Cycle& cycle, double time, Reference& reference) noexcept {
+  auto point = stream_->at(time, cycle.time);
   const Vector7 inside = point.x.cwiseMax(q_min_).cwiseMin(q_max_);
   if (inside != point.x) {  // what goes on beyond a limit would have to come back first
     stream_->move_to(inside);
@@ -65,8 +65,8 @@ void StreamCartesianVelocity::start(const Reference& from) noexcept {
   stream_->start(point);
 }
 
-bool StreamCartesianVelocity::step(const Cycle&, double time, Reference& reference) noexcept {
-  const auto& point = stream_->at(time);
+bool StreamCartesianVelocity::step(const Cycle& cycle, double time, Reference& reference) noexcept {
+  const auto& point = stream_->at(time, cycle.time);
   // What the twist turns, step by step.
   orientation_ = (exp((time - time_) * point.v.tail<3>()) * orientation_).normalized();
   time_ = time;

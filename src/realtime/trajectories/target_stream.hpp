@@ -58,10 +58,12 @@ class TargetStream {
     out_ = from;
     desired_ = from;
     time_ = 0;
-    plan_start_ = heard_ = 0;
+    plan_start_ = 0;
+    heard_.reset();
     first_ = count_ = 0;
     fade_end_ = -1;
     ran_out_ = false;
+    wished_.reset();
     clock_ = kNever;
     period_ = 0;
     delay_ = given_delay_.value_or(kMostDelay);
@@ -71,9 +73,12 @@ class TargetStream {
 
   // Came at `time`, s since start().
   void add(double time, const Target& target) {
-    heard_ = time;
+    heard_.reset();
     buffered_ = buffered_ || target.lead > 0;
-    if (!buffered_) return go_to(target.x, out_);
+    if (!buffered_) {
+      wished_ = target.x;  // of many in a cycle the last is planned to
+      return;
+    }
     double t = time;
     if (std::isfinite(target.sent)) {
       // The least way that a message took: what others took longer is no motion.
@@ -104,11 +109,14 @@ class TargetStream {
     knot(count_++) = {t, meant, target.x};
   }
 
-  // Times do not decrease.
-  Point at(double time) {
+  // `clock`: s of the robot's time, by which the timeout counts, while `time` may go slower. Neither decreases.
+  Point at(double time, double clock) {
+    if (!heard_) heard_ = clock;
+    if (wished_) go_to(*wished_, out_);
+    wished_.reset();
     const double dt = time - time_;
     time_ = time;
-    if (timeout_ > 0 && time - heard_ > timeout_ && !braked_ && !buffered_) {
+    if (timeout_ > 0 && clock - *heard_ > timeout_ && !braked_ && !buffered_) {
       plan_start_ = time - dt;
       desired_ = out_;
       brake();
@@ -304,8 +312,10 @@ class TargetStream {
   RuckigPlanner<N> planner_;
 
   bool buffered_ = false;
-  double time_ = 0, heard_ = 0;  // s
+  double time_ = 0;  // s
+  std::optional<double> heard_;  // s of the clock, when the last target came, or the start; none: since the last point
   Point desired_, out_;
+  std::optional<Vector> wished_;  // the newest target since the last point, that is gone to at once
 
   double plan_start_ = 0;  // s
   bool planned_ = false, braked_ = true;

@@ -36,20 +36,21 @@ class VelocityStream {
   // From here, at time 0.
   void start(const Point& from) {
     out_ = from;
-    time_ = heard_ = 0;
+    time_ = 0;
     planned_ = false;
     wish(Vector::Zero());
   }
 
   // Came at the time of the last point.
   void add(const Vector& v) {
-    heard_ = time_;
+    heard_ = clock_;
     wish(v);
   }
 
-  // Times do not decrease.
-  const Point& at(double time) {
-    if (moves_ && time - heard_ > timeout_) wish(Vector::Zero());
+  // `clock`: s of the robot's time, by which the timeout counts, while `time` may go slower. Neither decreases.
+  const Point& at(double time, double clock) {
+    clock_ = clock;
+    if (moves_ && clock - heard_ > timeout_) wish(Vector::Zero());
     time_ = time;
     if (!planned_) return out_;
     std::array<double, N> x, v, a;
@@ -91,7 +92,8 @@ class VelocityStream {
   RuckigPlanner<N> planner_;
   Point out_;
   Vector wish_ = Vector::Zero();
-  double time_ = 0, heard_ = 0, plan_start_ = 0;  // s
+  double time_ = 0, plan_start_ = 0;  // s
+  double clock_ = 0, heard_ = 0;      // s of the robot's time: of the last point, and of the last velocity
   bool moves_ = false, planned_ = false;
 };
 

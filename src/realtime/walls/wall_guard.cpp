@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "realtime/cholesky.hpp"
+#include "realtime/tick.hpp"
 #include "realtime/walls/self_distance.hpp"
 
 namespace realtime {
@@ -29,6 +29,9 @@ constexpr double kBrake = 4;           // m/s² that braking counts on: 0.5 m/s 
 constexpr double kSettle = 25;         // 1/s, at which the last of the way is gone, where that is slower
 constexpr double kLast = kBrake / (2 * kSettle * kSettle);  // m, that so become more
 constexpr double kApproach = 60;       // 1/s, at which a capsule may come near to its greatest speed, and falls back to it
+constexpr double kDeep = 0.02;         // m, from where on the spring grows no more; an arm that is found farther inside was not pushed there
+constexpr double kAway = 0.1;          // m/s, at which an arm that yields to the spring is pushed no more
+constexpr double kRise = 0.2;          // s, in which the spring of a wall that has come rises
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done, but on the last of the way
 
 // Of a pose's change: turning by a radian costs as much as this way, in m. What is in the way is passed beside rather than
@@ -67,9 +70,20 @@ WallGuard::~WallGuard() { delete walls_; }
 
 Walls* WallGuard::change(Walls* walls) noexcept {
   wall_ = 0;
-  contact_count_ = 0;
-  for (std::size_t k = 0; walls != nullptr && k < walls->walls.size(); ++k) reach_[k] = reach(walls->walls[k].shape);
+  contact_count_ = barrier_count_ = 0;
+  const auto before = known_;
+  const std::size_t count = walls_ != nullptr ? walls_->walls.size() : 0;
+  for (std::size_t k = 0; walls != nullptr && k < walls->walls.size(); ++k) {
+    const Wall& wall = walls->walls[k];
+    reach_[k] = reach(wall.shape);
+    const auto* const same = std::find_if(before.begin(), before.begin() + count, [&](const Known& each) { return each.id == wall.id; });
+    known_[k] = same != before.begin() + count ? *same : Known{wall.id};
+  }
   return std::exchange(walls_, walls);
+}
+
+void WallGuard::begin() noexcept {
+  for (Known& known : known_) known = {known.id};
 }
 
 // Balls about both of them may say so, or else a ball about the capsule.
@@ -141,35 +155,41 @@ Vector6 WallGuard::past(const Vector6& change, const Matrix76& dq_dP) const noex
   return past_bounds<6>(change, ease, kLeastPose, all);
 }
 
-HeldBy WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept {
+// Where there is no room for all, the one that asks for least gives way.
+void WallGuard::keep(const Barrier& barrier) noexcept {
+  if (barrier_count_ < kMostContacts) {
+    barriers_[barrier_count_++] = barrier;
+    return;
+  }
+  const auto least = std::min_element(barriers_.begin(), barriers_.end(),
+                                      [](const Barrier& a, const Barrier& b) { return a.least < b.least; });
+  if (least->least < barrier.least) *least = barrier;
+}
+
+void WallGuard::look(const Vector7& q, const Vector7& dq) noexcept {
   const ArmCapsules& arm = walls_->arm;
   arm.place(q, here_);
-  struct Limit {
-    Vector7 gradient, response;   // of the joints to a force along the gradient
-    double mobility, least, way;  // least acceleration along the gradient
-    double force = 0;
-  };
-  std::array<Limit, kMostContacts> limits;
-  int count = 0;
-  HeldBy needed = HeldBy::kNothing;
-  // `way`: m that is left until the spring; returns whether it pushes, or brakes whatever is asked for.
-  const auto look_at = [&](double way, const Vector7& gradient) {
+  barrier_count_ = 0;
+  near_ = HeldBy::kNothing;
+  // Returns whether it pushes, or brakes whatever is asked for.
+  const auto look_at = [&](double way, const Vector7& gradient, int wall) {
     const double speed = -gradient.dot(dq), left = std::max(way, 0.);
     const double greatest = left < 2 * kLast ? kSettle * left : std::sqrt(2 * kBrake * (left - kLast));
-    if ((way > 2 * kLast && speed <= kFarFrom * greatest) || count == kMostContacts) return false;
+    if (way > 2 * kLast && speed <= kFarFrom * greatest) return false;
     const double falls = left < 2 * kLast ? kSettle : kBrake / greatest;  // as the way does
     const double least = kApproach * (speed - greatest) + falls * speed;
-    limits[count++] = {gradient, Vector7::Zero(), 0, least, way};
+    keep({gradient, way, least, wall});
     return way < 0 || least > 0;
   };
   std::array<SelfContact, kMostContacts / 2> own;
   const std::size_t pairs = self_contacts(arm, here_, kSelfHorizon, own);
   for (std::size_t k = 0; k < pairs; ++k) {
     const double way = own[k].distance - kSelfClearance - kSelfRoom;
-    needed |= when(way < 0, HeldBy::kItself);
-    look_at(way, own[k].gradient);
+    near_ |= when(way < 0, HeldBy::kItself);
+    look_at(way, own[k].gradient, -1);
   }
-  const int of_itself = count;
+  std::array<double, Walls::kMost> deepest;  // m
+  deepest.fill(-kHorizon);
   for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
     // None of its points is faster than an end.
     Vector3 a = Vector3::Zero(), b = Vector3::Zero();
@@ -185,8 +205,9 @@ HeldBy WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobili
       const Nearest found = nearest(shape, here_.a[capsule], here_.b[capsule]);
       const auto look = [&](const Nearest& at) {
         const Contact near = contact(capsule, wall, at);
-        if (near.distance < kClearance) needed |= HeldBy::kWall;
-        if (look_at(near.distance - kClearance, near.gradient)) wall_ = walls_->walls[wall].id;
+        deepest[wall] = std::max(deepest[wall], kClearance - near.distance);
+        if (near.distance < kClearance) near_ |= HeldBy::kWall;
+        if (look_at(near.distance - kClearance, near.gradient, wall)) wall_ = walls_->walls[wall].id;
       };
       look(found);
       // The nearest place of a capsule that lies along a wall leaps from one end to the other when it tilts.
@@ -197,26 +218,47 @@ HeldBy WallGuard::add(const Vector7& q, const Vector7& dq, const Matrix7& mobili
       }
     }
   }
-  if (count == 0) return needed;
+  for (std::size_t wall = 0; wall < walls_->walls.size(); ++wall) {
+    Known& known = known_[wall];
+    known.inside = deepest[wall] > 0 && (known.inside || (known.is_new && deepest[wall] > kDeep));
+    known.is_new = false;
+    known.share = std::min(known.share + kTick / kRise, 1.);
+  }
+}
 
+HeldBy WallGuard::add(const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept {
+  HeldBy needed = near_;
+  if (barrier_count_ == 0) return needed;
+  struct Answer {
+    Vector7 response;  // of the joints to a force along the gradient
+    double mobility, force = 0;
+  };
+  std::array<Answer, kMostContacts> answers;
   Vector7 ddq = mobility * (tau_J_d - c);
-  for (int k = 0; k < count; ++k) {
-    limits[k].response = mobility * limits[k].gradient;
-    limits[k].mobility = std::max(limits[k].gradient.dot(limits[k].response), 1e-6);
+  for (int k = 0; k < barrier_count_; ++k) {
+    answers[k].response = mobility * barriers_[k].gradient;
+    answers[k].mobility = std::max(barriers_[k].gradient.dot(answers[k].response), 1e-6);
   }
   for (int pass = 0; pass < kPasses; ++pass) {
-    for (int k = 0; k < count; ++k) {
-      Limit& limit = limits[k];
-      const double force = std::max(limit.force + (limit.least - limit.gradient.dot(ddq)) / limit.mobility, 0.);
-      ddq += (force - limit.force) * limit.response;
-      limit.force = force;
+    for (int k = 0; k < barrier_count_; ++k) {
+      Answer& answer = answers[k];
+      const double lack = barriers_[k].least - barriers_[k].gradient.dot(ddq);
+      const double force = std::max(answer.force + lack / answer.mobility, 0.);
+      ddq += (force - answer.force) * answer.response;
+      answer.force = force;
     }
   }
-  for (int k = 0; k < count; ++k) {
-    const Limit& limit = limits[k];
-    const double stiffness = std::min(kStiffness, kQuickest * kQuickest / limit.mobility);
-    tau_J_d += (limit.force - stiffness * std::min(limit.way, 0.)) * limit.gradient;
-    needed |= when(limit.force > 0, k < of_itself ? HeldBy::kItself : HeldBy::kWall);
+  for (int k = 0; k < barrier_count_; ++k) {
+    const Barrier& barrier = barriers_[k];
+    double spring = 0;  // N
+    if (barrier.way < 0) {
+      const double stiffness = std::min(kStiffness, kQuickest * kQuickest / answers[k].mobility);
+      const double yields = std::clamp(barrier.gradient.dot(dq) / kAway, 0., 1.);
+      spring = stiffness * std::min(-barrier.way, kDeep) * (1 - yields);
+      if (barrier.wall >= 0) spring *= known_[barrier.wall].inside ? 0 : known_[barrier.wall].share;
+    }
+    tau_J_d += (answers[k].force + spring) * barrier.gradient;
+    needed |= when(answers[k].force > 0, barrier.wall < 0 ? HeldBy::kItself : HeldBy::kWall);
   }
   return needed;
 }

@@ -29,7 +29,8 @@ struct Walls {
 // Keeps an arm clear of walls. Motions: at each cycle the whole way on which the arm would come to rest if it braked from there
 // is looked at, so that there is always one that is clear, however thin a wall is. Torques: what a controller's torque makes of
 // the joints, ddq = M^-1 (tau_J_d - c), may take no capsule nearer to a wall, or to another of the arm, at a speed that could not
-// be braked in time (a control barrier, as JointBarrier), and from kClearance, or kSelfClearance, on a spring pushes back.
+// be braked in time (a control barrier, as JointBarrier), and from kClearance, or kSelfClearance, on a spring pushes back, as long
+// as the arm does not yield to it. A wall that holds the arm already deep inside does not push: there it is braked alone.
 class WallGuard {
  public:
   static constexpr double kClearance = 0.01;   // m from a wall, where motions end and a spring begins
@@ -42,6 +43,8 @@ class WallGuard {
 
   // From now on these (null: none); returns those before, for their owner to destroy.
   Walls* change(Walls* walls) noexcept;
+  // A motion begins, wherever the arm was led meanwhile.
+  void begin() noexcept;
   bool active() const noexcept { return walls_ != nullptr && !walls_->walls.empty(); }
   // The body of the arm; null before change().
   const ArmCapsules* arm() const noexcept { return walls_ != nullptr ? &walls_->arm : nullptr; }
@@ -55,8 +58,10 @@ class WallGuard {
   Vector7 past(const Vector7& change) const noexcept;
   Vector6 past(const Vector6& change, const Matrix76& dq_dP) const noexcept;
 
-  // Adds to tau_J_d, N m; `mobility` is joint_mobility() at q, c the Coriolis torque (N m). Returns for what: kWall, kItself.
-  HeldBy add(const Vector7& q, const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept;
+  // Once in a cycle of torques: where the arm is. Then what is added to tau_J_d, N m; `mobility` is joint_mobility() there, c the
+  // Coriolis torque (N m). Returns for what: kWall, kItself.
+  void look(const Vector7& q, const Vector7& dq) noexcept;
+  HeldBy add(const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept;
 
   // The wall that stood in the way, the last time one did; 0: none since change().
   std::uint32_t wall() const noexcept { return wall_; }
@@ -69,19 +74,38 @@ class WallGuard {
     Vector7 gradient;  // of it, m/rad
   };
   static constexpr int kMostContacts = 32;
+  // Of what is near, at which acceleration (m/s²) at least it has to go away.
+  struct Barrier {
+    Vector7 gradient;
+    double way;  // m to where the spring begins
+    double least;
+    int wall;    // -1: the arm itself
+  };
+  // Of a wall, from when it came.
+  struct Known {
+    std::uint32_t id = 0;
+    bool is_new = true;   // the arm has not been looked at since
+    bool inside = false;  // the arm was deep in it then, and has not left it
+    double share = 0;     // of its spring, that is there
+  };
 
   Contact contact(int capsule, int wall, const Nearest& nearest) const noexcept;
+  void keep(const Barrier& barrier) noexcept;
   // That they are farther from each other than `clearance`, m, where that is told at little cost.
   bool is_far(int capsule, int wall, const ArmCapsules::Place& place, double clearance) const noexcept;
 
   Walls* walls_ = nullptr;
   std::array<double, Walls::kMost> reach_{};  // of each wall, m
+  std::array<Known, Walls::kMost> known_{};
   std::uint32_t wall_ = 0;
 
   ArmCapsules::Place here_;
   std::array<ArmCapsules::Place, kMostOnWay> places_;
   std::array<Contact, kMostContacts> contacts_;
   int contact_count_ = 0;
+  std::array<Barrier, kMostContacts> barriers_;
+  int barrier_count_ = 0;
+  HeldBy near_ = HeldBy::kNothing;  // nearer than where a spring begins
 };
 
 }  // namespace realtime
