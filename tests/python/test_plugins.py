@@ -322,7 +322,7 @@ def test_lqr_leads_the_arm_and_yields_to_a_push_as_its_weights_say(tutorial, tut
         tutorial_arm.push([10, 5, -10, 0, 0, 0], duration=60)
         last = fa.run(StayJoint(4), Lqr()).last_state
         tutorial_arm.push(np.zeros(6), duration=0.01)
-        rows = read_truth(tutorial_arm.truth_file, until=last.robot.message_id)
+        rows = read_truth(tutorial_arm.truth_file, until=last.robot.message_id, timeout=60)
         balanced = rows[rows["cycle"] == last.robot.message_id][0]
         tau = fa.get_jacobian(balanced["q"]).T @ balanced["push"]
         error = balanced["q"] - np.array(last.q_ref)
@@ -346,7 +346,7 @@ def test_spiral_search_leads_the_tool_on_a_spiral(tutorial, tutorial_arm):
         assert result.ending == proto.TERMINATED
         assert result.limited_cycles == 0
         ended = fa.get_arm_state().robot.message_id
-        rows = read_truth(tutorial_arm.truth_file, until=ended)
+        rows = read_truth(tutorial_arm.truth_file, until=ended, timeout=60)
         rows = rows[(rows["cycle"] >= began) & (rows["cycle"] <= ended)]
         position = rows["O_T_TCP"].reshape(-1, 4, 4)[:, 3, :3]
         way = position - position[0]
@@ -454,7 +454,7 @@ def test_the_configuration_file_names_libraries_relative_to_itself(tmp_path):
     (tmp_path / "arms.toml").write_text('load = ["parts/none.so"]\n[[arm]]\nname = "arm"\naddress = "127.0.0.1"\n')
     done = subprocess.run(
         [program("franka-interface"), "--config", str(tmp_path / "arms.toml")],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 1
     assert f"{tmp_path}/parts/none.so: there is no such file" in done.stderr
@@ -516,16 +516,15 @@ def test_a_part_that_keeps_to_the_rules_is_left_alone(messages, two_arms):
         assert (result.ending, result.termination) == (proto.TERMINATED, "Time")
 
 
-@pytest.mark.wall
-def test_what_is_older_than_the_timeout_of_a_part_that_listens_is_stale(messages, prompt_arm):
+def test_what_is_older_than_the_timeout_of_a_part_that_listens_is_stale(messages, two_arms):
     message = proto.SensorMessage(topic="heard", publisher=1, sent_ns=time.time_ns())
     message.message.Pack(proto.JointPositionSensorMessage(joints=HOME))
-    with FrankaArm(server=prompt_arm.server) as fa, fa.publisher("heard") as publisher:
+    with FrankaArm(server=two_arms.server) as fa, fa.publisher("heard") as publisher:
         fa.wait_for_franka_interface()
         fa.run(messages.BadTrajectory(), messages.BadPart(), Never(), block=False)
         for message.sequence in (1, 2):
             publisher._socket.send(message.SerializeToString())
-            until = time.monotonic() + 30
+            until = time.monotonic() + 60
             while "heard" not in fa.topics() or fa.topics()["heard"].received < message.sequence:
                 assert time.monotonic() < until
                 time.sleep(0.005)

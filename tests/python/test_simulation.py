@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zmq
+from conftest import server_processes
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, channel, proto
 from frankapy.sim import (
@@ -212,6 +213,20 @@ def test_between_motions_the_world_stands_still(sim, fa):
         assert sim.truth().finger.sum() == pytest.approx(0.03, abs=0.002)
     finally:
         sim.resume()
+
+
+def test_lockstep_waits_as_long_as_it_is_told():
+    with Simulation(SimulatedArm(lockstep=True, patience=0.01)) as sim, FrankaArm(server=sim.server) as fa:
+        fa.goto_joints(np.array(HOME) + 0.1, duration=3600, block=False)
+        until(lambda: sim.truth().moving)
+        programs = server_processes(sim)
+        for process in programs:
+            os.kill(process, signal.SIGSTOP)
+        until(lambda: not sim.truth().moving, 20)  # twenty commands; 40 s by default
+        for process in programs:
+            os.kill(process, signal.SIGCONT)
+        fa.wait_for_skill()
+        assert list(fa.last_skill_result.errors) == ["communication_constraints_violation"]
 
 
 def test_a_saved_moment_comes_back(sim, fa):
