@@ -69,11 +69,12 @@ types: programs $(VENV)/.frankapy ## check the types of the Python package
 	@mkdir -p $(JUNIT)
 	cd python && $(CURDIR)/$(VENV)/bin/python -m mypy --junit-xml $(JUNIT)/types.xml
 
-# With none to run again, ctest would run all.
+# With none to run again, ctest would run all, and pytest has status 5.
 LAST_FAILED = $(BUILD)/Testing/Temporary/LastTestsFailed.log
 wall: build $(VENV)/.frankapy
 	$(if $(AGAIN),,rm -f $(LAST_FAILED))
-	$(if $(AGAIN),test ! -s $(LAST_FAILED) ||) $(CTEST) -j 1 -L wall; cpp=$$?; $(PYTEST) -m wall && exit $$cpp
+	$(if $(AGAIN),test ! -s $(LAST_FAILED) || { none=5; false; } ||) $(CTEST) -j 1 -L wall; cpp=$$?; \
+	  { $(PYTEST) -m wall || test $$? = "$$none"; } && exit $$cpp
 
 wall-20: build $(VENV)/.frankapy
 	$(CTEST) -j 1 -L wall --repeat until-fail:20; failed=$$?; for i in $$(seq 20); do \
@@ -86,10 +87,10 @@ bench: bench-programs $(VENV)/.frankapy ## measure, and write build/bench.json
 	$(VENV)/bin/python bench/run.py
 
 interop: build $(VENV)/.frankapy ## run independent programs against ours
-	$(VENV)/bin/python tests/interop/run.py --junit $(JUNIT)/interop.xml
+	$(VENV)/bin/python tests/interop/run.py --junit $(JUNIT)/interop.xml $(if $(AGAIN),--again)
 
 interop-lockstep: build $(VENV)/.frankapy
-	$(VENV)/bin/python tests/interop/run.py --junit $(JUNIT)/interop.xml --lockstep
+	$(VENV)/bin/python tests/interop/run.py --junit $(JUNIT)/interop.xml --lockstep $(if $(AGAIN),--again)
 
 # SEED=n: that run again.
 HOURS = 20

@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -29,6 +30,7 @@ struct Options {
   std::string truth;
   std::string pause = "never";
   double speed = 1;
+  double patience = 0.25;
   std::uint64_t seed = 1;
   bool lockstep = false;
   bool ideal = false;
@@ -67,6 +69,7 @@ std::vector<sim::Cell::Options> cells(const Options& options) {
   common.lockstep = options.lockstep;
   common.ideal = options.ideal;
   common.speed = options.speed;
+  common.patience = std::llround(1e9 * options.patience);
   common.time = options.pause == "never" ? sim::Cell::Time::kRuns : sim::Cell::Time::kBetweenMotionsPaused;
   const in_addr first = sim::parse_address(options.listen);
   std::vector<sim::Cell::Options> cells;
@@ -157,6 +160,10 @@ int main(int argc, char** argv) {
   app.add_flag("--lockstep", options.lockstep, "wait for each command of a motion instead of keeping real time");
   app.add_option("--speed", options.speed, "of the robot's time over the wall's; lockstep takes no notice")
       ->check(CLI::Range(0.01, 20.0))
+      ->capture_default_str();
+  app.add_option("--patience", options.patience,
+                 "s for which lockstep waits for a command, which then is lost; of libfranka's clients less than one")
+      ->check(CLI::Range(0.01, 10.0))
       ->capture_default_str();
   app.add_option("--scene", options.scene, "what stands around the arm: a name of sim/scenes, or an MJCF file");
   app.add_option("--truth", options.truth,

@@ -60,6 +60,8 @@ class SimulatedArm:
     # The world stands still from the start except while the arm does something: with lockstep, the same script then
     # gives the same run, bit for bit.
     paused_between_motions: bool = False
+    # s for which lockstep waits for a command, which then is lost; twenty of them end a motion. The server waits 10 s for a state.
+    patience: float = 2.0
     more: Sequence[str] = ()  # further options of fci-sim
 
 
@@ -160,7 +162,7 @@ class Simulation(ControlChannel):
             )
         command = [program("fci-sim"), "--robot", arm.robot, "--listen", address, "--protocol", str(arm.protocol)]
         command += ["--lockstep"] * arm.lockstep + ["--ideal"] * arm.ideal
-        command += ["--speed", str(arm.speed), "--seed", str(arm.seed)]
+        command += ["--speed", str(arm.speed), "--patience", str(arm.patience), "--seed", str(arm.seed)]
         if arm.arms is not None:
             command += ["--arms", str(arm.arms)]
         if arm.paused_between_motions:
@@ -301,11 +303,11 @@ def read_truth(path: str | os.PathLike[str], until: int | None = None, timeout: 
     deadline = time.monotonic() + timeout
     while True:
         try:
-            rows = np.load(path)
+            rows = np.load(path, mmap_mode="r")  # of which only the end is looked at
         except (EOFError, ValueError):  # not even its header is there
             rows = None
         if rows is not None and (until is None or (len(rows) and rows["cycle"][-1] >= until)):
-            return rows
+            return np.array(rows)
         if time.monotonic() > deadline:
             raise FrankaArmException(
                 f"{os.fspath(path)} has no cycle {until or 0} after {timeout:g} s: does fci-sim run?"

@@ -8,6 +8,7 @@
 
 #include <climits>
 #include <cstddef>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <string_view>
@@ -60,14 +61,14 @@ std::pair<std::shared_ptr<void>, std::shared_ptr<void>> map(int fd) {
 
 // Of a file that has a name, or gets it when all is in it; -1 where there is no room.
 int make_named_file(const BlackBoxOwner& owner) {
-  const int fd = open(kBlackBoxFolder, O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  const int fd = open(black_box_folder().c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
   if (fd < 0) return -1;
   Label label{};
   put(label.layout, layout());
   put(label.arm, owner.arm);
   put(label.folder, owner.folder);
   label.max_gb = owner.max_gb;
-  const std::string name = fmt::format("{}/{}{}-{:x}", kBlackBoxFolder, kName, geteuid(), clock_ns(CLOCK_REALTIME));
+  const std::string name = fmt::format("{}/{}{}-{:x}", black_box_folder(), kName, geteuid(), clock_ns(CLOCK_REALTIME));
   // Room for all of it now: a page that is missing later would end the process.
   if (posix_fallocate(fd, 0, static_cast<off_t>(file_size())) != 0 || flock(fd, LOCK_EX | LOCK_NB) != 0 ||
       pwrite(fd, &label, sizeof label, static_cast<off_t>(label_place())) != sizeof label ||
@@ -83,13 +84,18 @@ std::vector<std::filesystem::path> names() {
   std::vector<std::filesystem::path> names;
   std::error_code none;
   const std::string own = fmt::format("{}{}-", kName, geteuid());
-  for (const auto& entry : std::filesystem::directory_iterator(kBlackBoxFolder, none)) {
+  for (const auto& entry : std::filesystem::directory_iterator(black_box_folder(), none)) {
     if (entry.path().filename().string().starts_with(own)) names.push_back(entry.path());
   }
   return names;
 }
 
 }  // namespace
+
+std::string black_box_folder() {
+  const char* folder = std::getenv("FRANKA_INTERFACE_BLACK_BOXES");
+  return folder != nullptr && *folder != '\0' ? folder : "/dev/shm";
+}
 
 BlackBox::BlackBox(bridge::Ring<realtime::Record> of_records, Journal of_journal)
     : records(std::move(of_records)), journal(std::move(of_journal)) {}

@@ -40,7 +40,7 @@ struct BlackBoxOwner {
 };
 
 // Memory for one that a child may inherit. With an owner it outlives all of its processes where it can: it has a name in
-// kBlackBoxFolder, until forget_black_box(), and whoever holds it open keeps others from taking it for left over. Throws
+// black_box_folder(), until forget_black_box(), and whoever holds it open keeps others from taking it for left over. Throws
 // std::system_error.
 int make_black_box_file(const std::optional<BlackBoxOwner>& owner = {});
 
@@ -55,7 +55,7 @@ struct LeftBlackBox {
 };
 std::vector<LeftBlackBox> left_black_boxes();
 
-// Memory that a file can name, gone with the computer's power.
-inline constexpr const char* kBlackBoxFolder = "/dev/shm";
+// Of memory that a file can name, gone with the computer's power: $FRANKA_INTERFACE_BLACK_BOXES, or /dev/shm.
+std::string black_box_folder();
 
 }  // namespace server

@@ -61,12 +61,18 @@ def main() -> int:
     parser.add_argument("--build", type=Path, default=REPOSITORY / "build", help="where the programs are")
     parser.add_argument("--junit", type=Path, help="a file for what came of it")
     parser.add_argument("--lockstep", action="store_true", help="only what does not depend on this computer's speed")
+    parser.add_argument("--again", action="store_true", help="only the modules of which something failed last time")
     parser.add_argument("module", nargs="*", help=f"of {', '.join(MODULES)}; without any, all")
     arguments = parser.parse_args()
     if unknown := set(arguments.module) - set(MODULES):
         parser.error(f"no such module: {', '.join(sorted(unknown))}")
 
     names = arguments.module or list(MODULES)
+    last = arguments.build / "interop" / "failed"
+    if arguments.again and last.exists():
+        names = [name for name in names if name in last.read_text().split()]
+    last.unlink(missing_ok=True)
+    failed = set()
 
     def everything() -> Iterator[tuple[str, Iterable[tuple[Result, float]]]]:
         if not arguments.lockstep:
@@ -80,8 +86,12 @@ def main() -> int:
         print(f"\n{MODULES[name].__doc__}")
         for result, seconds in rows:
             results.append((result, seconds))
+            if verdict(result) == "FAILED":
+                failed.add(name)
             why = result.excuse if result.excuse and not result.ok else result.why
             print(f"{result.peer:24}{result.mode:12}{result.capability:60}{verdict(result):12}{why}", flush=True)
+    last.parent.mkdir(exist_ok=True)
+    last.write_text(" ".join(sorted(failed)))
     if arguments.junit:
         write_junit(arguments.junit, results)
     verdicts = [verdict(result) for result, _ in results]

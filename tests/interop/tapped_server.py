@@ -34,7 +34,7 @@ def tapped_server(
 ) -> Iterator[TappedServer]:
     """Start them; `settings` are lines of the arm's table in the server's file, `log` takes what the server says."""
     with (
-        simulated_arm(program("fci-sim"), "--lockstep", "--robot", robot, *arm_options) as address,
+        simulated_arm(program("fci-sim"), "--lockstep", "--patience", "2", "--robot", robot, *arm_options) as address,
         tempfile.TemporaryDirectory() as folder,
     ):
         tap = WireTap(address, record=True)

@@ -1,17 +1,19 @@
 """Simulated arms with servers for the tests: in lockstep."""
 
 import os
+import shutil
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from frankapy import FrankaArm, FrankaArmException, FrankaConstants
+from frankapy import FrankaArm, FrankaArmException, FrankaConstants, channel, connection, sim
 from frankapy.sim import SimulatedArm, Simulation, die_with_parent, read_truth
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -27,6 +29,27 @@ def recordings_folder(tmp_path_factory):
         patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
         patch.delenv("FRANKAPY_KEY", raising=False)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def black_boxes_folder():
+    """Let no server of another run take what these leave, or the other way round."""
+    folder = tempfile.mkdtemp(prefix="frankapy-tests-", dir="/dev/shm")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FRANKA_INTERFACE_BLACK_BOXES", folder)
+        yield
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patient_clients():
+    """Let a computer that stands still for a while look like no server that has gone: where that is tested, tests say so."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(channel, "SILENCE", 60.0)
+        patch.setattr(connection, "_START_TIME", 120.0)
+        patch.setattr(connection, "_END_TIME", 30.0)
+        patch.setattr(sim, "_START_TIME", 120.0)
         yield
 
 
@@ -79,7 +102,7 @@ class Arm:
     def truth(self, since: int = 0) -> np.ndarray:
         """Return the rows of the truth since that cycle; waits until those up to now are in the file, see `starting`."""
         assert self._truth, "this arm writes no truth: say TRUTH_FILE = True in the module, or start(truth=True)"
-        rows = read_truth(self._truth, until=self.cycle())
+        rows = read_truth(self._truth, until=self.cycle(), timeout=60)
         return rows[rows["cycle"] >= since]
 
 
@@ -94,14 +117,16 @@ def server_processes(simulation: Simulation) -> list[int]:
 def client_after_crash(arm: Arm) -> Iterator[FrankaArm]:
     """Kill the process of an arm, and give a client of the one that takes its place once that is ready."""
     os.kill(server_processes(arm.simulation)[1], signal.SIGKILL)
-    again = None
-    for _ in range(150):
-        with suppress(FrankaArmException):
+    deadline = time.monotonic() + 60
+    while True:
+        try:
             again = arm.client()
             break
-        time.sleep(0.2)
+        except FrankaArmException:
+            assert time.monotonic() < deadline
+            time.sleep(0.2)
     with again:
-        again.wait_for_franka_interface(30)
+        again.wait_for_franka_interface(60)
         yield again
 
 

@@ -51,7 +51,7 @@ def impatient(monkeypatch):
 
 
 def wait_until(condition):
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -112,7 +112,8 @@ def test_a_refusal_raises_its_exception_with_the_servers_text(server, arm, code,
     arm.goto_joints(HOME, 1)
 
 
-def test_a_first_command_waits_for_the_arm_of_one_that_was_killed_and_no_other_does(server, arm):
+def test_a_first_command_waits_for_the_arm_of_one_that_was_killed_and_no_other_does(server, arm, monkeypatch):
+    monkeypatch.setattr(connection, "_LEASE_TIME", 60)  # s: a computer may stand still
     server.refusals = [refusal(proto.Error.BUSY, "another client commands this arm")] * 3
     arm.goto_joints(HOME, 1)
     assert len(server.calls("start_skill")) == 4
@@ -184,8 +185,9 @@ def test_a_commanding_client_says_that_it_is_alive(server, arm):
 
 def test_a_reading_client_is_quiet(server, arm):
     arm.get_joints()
+    before = len(server.calls("alive"))
     time.sleep(0.5)
-    assert len(server.calls("alive")) <= 1
+    assert len(server.calls("alive")) <= before + 1  # which may have been on its way
 
 
 def test_closing_says_goodbye(server):
@@ -199,11 +201,12 @@ def test_a_closed_arm_says_so(arm):
         arm.get_joints()
 
 
-def test_a_silent_server_fails_what_waits_and_is_found_again(server, arm, impatient):
+def test_a_silent_server_fails_what_waits_and_is_found_again(server, arm, monkeypatch):
     server.skill_time = 30
     arm.goto_joints(HOME, 1, block=False)
     server.silent = True
-    with pytest.raises(FrankaArmCommException, match="not answered"):
+    with monkeypatch.context() as impatient, pytest.raises(FrankaArmCommException, match="not answered"):
+        impatient.setattr(channel, "SILENCE", 1.0)
         arm.wait_for_skill()
     server.silent = False
     server.skill_time = 0.05
@@ -220,6 +223,7 @@ def test_a_motion_without_an_answer_is_not_sent_twice(server, arm, impatient):
     server.silent = True
     with pytest.raises(FrankaArmCommException):
         arm.goto_joints(HOME, 1)
+    wait_until(lambda: server.calls("start_skill"))
     assert len(server.calls("start_skill")) == 1
 
 
@@ -255,7 +259,7 @@ def in_child(check) -> int:
     child = os.fork()
     if child == 0:
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(30)
+        signal.alarm(100)
         try:
             os._exit(0 if check() else 1)
         finally:
@@ -301,7 +305,8 @@ INTERRUPTED = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
-from frankapy import FrankaArm
+from frankapy import FrankaArm, channel
+channel.SILENCE = 60  # s: a computer may stand still
 arm = FrankaArm(server=sys.argv[1])
 try:
     arm.{call}
@@ -475,8 +480,7 @@ def test_status_tells_who_commands_and_what_came_over_topics(server, capsys):
     assert "refused last: joint 1 is 9" in told
 
 
-def test_a_read_whose_server_ended_asks_the_next_one(monkeypatch):
-    monkeypatch.setattr(channel, "SILENCE", 60)  # s: it is not for its silence that the first is left
+def test_a_read_whose_server_ended_asks_the_next_one():
     joints = []
     with ScriptedServer() as server:
         arm = FrankaArm(server=server.address)
@@ -496,7 +500,7 @@ def test_a_slow_reader_loses_what_comes_while_too_many_wait():
     with zmq.Context() as context, context.socket(zmq.XPUB) as publisher:
         publisher.sndhwm, publisher.linger = waiting, 0
         publisher.bind("tcp://127.0.0.1:*")
-        with StateStream(publisher.last_endpoint.decode(), timeout=0.5) as stream:
+        with StateStream(publisher.last_endpoint.decode(), timeout=5) as stream:
             topic = publisher.recv()[1:]
             for i in range(count):
                 publisher.send(topic + proto.ArmState(skill_id=i + 1, skill_description="x" * 1000).SerializeToString())

@@ -119,7 +119,7 @@ def run_script(text, server="", **options):
     """Run a script as one for ROS is run here; return what it printed."""
     environment = os.environ | {"PYTHONPATH": str(COMPAT), "FRANKA_INTERFACE_SERVER": server}
     done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(text)], env=environment, capture_output=True, text=True, timeout=120, check=False, **options
+        [sys.executable, "-c", textwrap.dedent(text)], env=environment, capture_output=True, text=True, timeout=300, check=False, **options
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -410,7 +410,7 @@ STREAM = """
     fa = FrankaArm()
     states = []
     rospy.Subscriber("/robot_state_publisher_node_1/robot_state", RobotState, states.append)
-    fingers = rospy.wait_for_message("/franka_gripper_1/joint_states", JointState, timeout=10)
+    fingers = rospy.wait_for_message("/franka_gripper_1/joint_states", JointState, timeout=60)
     assert abs(sum(fingers.position) - fa.get_gripper_width()) < 1e-3
     p0 = fa.get_pose()
     p1 = p0.copy()

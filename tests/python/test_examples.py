@@ -52,7 +52,7 @@ def led(simulation):
 
     def lead():
         with FrankaArm(server=simulation.server) as reader:
-            reader.wait_for(takes_hold, 100)
+            reader.wait_for(takes_hold, 300)
 
     person = threading.Thread(target=lead)
     person.start()
@@ -85,7 +85,7 @@ def test_an_example_runs(script, arms):
         environment = os.environ | {"FRANKA_INTERFACE_SERVER": simulation.server}
         done = subprocess.run(
             [sys.executable, REPOSITORY / "examples" / script],
-            env=environment, capture_output=True, text=True, timeout=120, check=False,
+            env=environment, capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         assert not done.stderr

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import HOME
 
-from frankapy import FrankaArm, channel, connection
+from frankapy import FrankaArm, connection
 from frankapy.sim import SimulatedArm, Simulation
 
 LONG = 1000  # s of the robot's clock
@@ -90,7 +90,6 @@ def kill_in_the_middle(server: str, moment: str, how: signal.Signals) -> None:
 )
 def test_the_next_script_has_arm_and_hand(ideal_arm, moment, how, monkeypatch):
     monkeypatch.setattr(connection, "_LEASE_TIME", 60)  # s: a computer may stand still
-    monkeypatch.setattr(channel, "SILENCE", 60)
     kill_in_the_middle(ideal_arm.server, moment, how)
     with ideal_arm.client() as fa:
         fa.goto_joints(HOME, 1)

@@ -215,7 +215,15 @@ def messages(bad):
 
 @pytest.fixture(scope="session")
 def two_arms(bad):
-    with Simulation(SimulatedArm(ideal=True), SimulatedArm(ideal=True), load=[bad / "libbad_part.so"]) as simulation:
+    arm = SimulatedArm(ideal=True, lockstep=True)
+    with Simulation(arm, arm, load=[bad / "libbad_part.so"]) as simulation:
+        yield simulation
+
+
+@pytest.fixture(scope="session")
+def prompt_arm(bad):
+    """Return a simulation whose arm keeps real time."""
+    with Simulation(SimulatedArm(ideal=True), load=[bad / "libbad_part.so"]) as simulation:
         yield simulation
 
 
@@ -272,7 +280,7 @@ def test_a_part_is_built_against_the_installed_package_and_runs_in_the_installed
     built = build(build_folder / "mine", package)
     for line in (build_folder / "mine" / "build" / "CMakeCache.txt").read_text().splitlines():
         assert not line.startswith("franka-interface_DIR") or str(package) in line
-    with Simulation(SimulatedArm(), load=[built / "libmine.so"]) as simulation:
+    with Simulation(SimulatedArm(lockstep=True), load=[built / "libmine.so"]) as simulation:
         assert str(programs) in os.readlink(f"/proc/{simulation.processes[-1]}/exe")
 
 
@@ -314,7 +322,7 @@ def test_lqr_leads_the_arm_and_yields_to_a_push_as_its_weights_say(tutorial, tut
         tutorial_arm.push([10, 5, -10, 0, 0, 0], duration=60)
         last = fa.run(StayJoint(4), Lqr()).last_state
         tutorial_arm.push(np.zeros(6), duration=0.01)
-        rows = read_truth(tutorial_arm.truth_file, until=last.robot.message_id)
+        rows = read_truth(tutorial_arm.truth_file, until=last.robot.message_id, timeout=60)
         balanced = rows[rows["cycle"] == last.robot.message_id][0]
         tau = fa.get_jacobian(balanced["q"]).T @ balanced["push"]
         error = balanced["q"] - np.array(last.q_ref)
@@ -338,7 +346,7 @@ def test_spiral_search_leads_the_tool_on_a_spiral(tutorial, tutorial_arm):
         assert result.ending == proto.TERMINATED
         assert result.limited_cycles == 0
         ended = fa.get_arm_state().robot.message_id
-        rows = read_truth(tutorial_arm.truth_file, until=ended)
+        rows = read_truth(tutorial_arm.truth_file, until=ended, timeout=60)
         rows = rows[(rows["cycle"] >= began) & (rows["cycle"] <= ended)]
         position = rows["O_T_TCP"].reshape(-1, 4, 4)[:, 3, :3]
         way = position - position[0]
@@ -393,7 +401,7 @@ def refused(*libraries: Path, expected_lines: int = 1) -> str:
     command = [program("franka-interface"), "--robot", "127.0.0.1", "--port", "0"]
     for library in libraries:
         command += ["--load", str(library)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 1
     assert not done.stdout
     assert done.stderr.count("\n") == expected_lines
@@ -446,7 +454,7 @@ def test_the_configuration_file_names_libraries_relative_to_itself(tmp_path):
     (tmp_path / "arms.toml").write_text('load = ["parts/none.so"]\n[[arm]]\nname = "arm"\naddress = "127.0.0.1"\n')
     done = subprocess.run(
         [program("franka-interface"), "--config", str(tmp_path / "arms.toml")],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 1
     assert f"{tmp_path}/parts/none.so: there is no such file" in done.stderr
@@ -489,11 +497,12 @@ def test_a_part_that_does_not_belong_into_the_loop_is_taken_out_and_named(role, 
         assert [arm.starts for arm in list_arms(patient_arm.server)] == [1]
 
 
-def test_where_a_slow_part_makes_the_robot_stop_it_is_named(messages, two_arms):
+@pytest.mark.wall
+def test_where_a_slow_part_makes_the_robot_stop_it_is_named(messages, prompt_arm):
     """Whichever comes first, the robot's patience or the loop's."""
     name = NAMES["controller"]
     seen = f"controller {name} {WHY['LATE']}|communication_constraints_violation.* step of the controller {name} took"
-    with FrankaArm(server=two_arms.server) as fa:
+    with FrankaArm(server=prompt_arm.server) as fa:
         fa.wait_for_franka_interface()
         with pytest.raises(FrankaArmException, match=seen):
             fa.run(*skill_with(messages, "controller", "LATE"))
@@ -515,7 +524,7 @@ def test_what_is_older_than_the_timeout_of_a_part_that_listens_is_stale(messages
         fa.run(messages.BadTrajectory(), messages.BadPart(), Never(), block=False)
         for message.sequence in (1, 2):
             publisher._socket.send(message.SerializeToString())
-            until = time.monotonic() + 30
+            until = time.monotonic() + 60
             while "heard" not in fa.topics() or fa.topics()["heard"].received < message.sequence:
                 assert time.monotonic() < until
                 time.sleep(0.005)
@@ -552,16 +561,16 @@ def test_a_part_that_ends_its_process_is_named_and_costs_one_arm(role, what, mes
         fa.wait_for_franka_interface()
         other.wait_for_franka_interface()
         before = list_arms(two_arms.server)
-        other.run(RelativeMinJerkJoint([0, 0.01, 0, 0, 0, 0, 0], 1000), JointImpedance(), block=False)
+        other.run(RelativeMinJerkJoint([0, 0.01, 0, 0, 0, 0, 0], 1000), JointImpedance(), Never(), block=False)
         with pytest.raises(FrankaArmCommException, match=f"{ENDS[what]} in the {role} {NAMES[role]}"):
             fa.run(*skill_with(messages, role, what))
         ended = time.monotonic()
         while not (after := list_arms(two_arms.server))[0].endpoint:
-            assert time.monotonic() - ended < 10, after[0].status
+            assert time.monotonic() - ended < 60, after[0].status
             time.sleep(0.01)
 
         # It is recovered, and goes on; the other arm has not noticed.
-        fa.wait_for_franka_interface()
+        fa.wait_for_franka_interface(60)
         assert fa.run(StayJoint(0.1), JointImpedance()).ending == proto.TERMINATED
         assert after[0].starts == before[0].starts + 1
         assert re.fullmatch(f"{ENDS[what]} in the {role} {NAMES[role]}", after[0].ended)
@@ -571,8 +580,8 @@ def test_a_part_that_ends_its_process_is_named_and_costs_one_arm(role, what, mes
 
 
 @pytest.mark.wall
-def test_an_arm_whose_part_crashes_is_ready_again_within_two_seconds(messages, two_arms):
-    with FrankaArm(server=two_arms.server) as fa:
+def test_an_arm_whose_part_crashes_is_ready_again_within_two_seconds(messages, prompt_arm):
+    with FrankaArm(server=prompt_arm.server) as fa:
         fa.wait_for_franka_interface()
         with pytest.raises(FrankaArmCommException, match=ENDS["CRASHES"]):
             fa.run(*skill_with(messages, "controller", "CRASHES"))

@@ -61,7 +61,7 @@ def drive(fa: FrankaArm, arm, robot: str, go) -> bool:
     except FrankaArmArgumentError as error:
         assert any(word in str(error) for word in ("joint", "reach", "singular", "capsule", "link"))
         return False
-    fa.wait_for(lambda state: np.abs(state.robot.dq).max() < 0.01, timeout=20)
+    fa.wait_for(lambda state: np.abs(state.robot.dq).max() < 0.01, timeout=60)
     assert fa.last_skill_result.ending == proto.TERMINATED, fa.last_skill_result
     judge(arm, robot, first)
     return True

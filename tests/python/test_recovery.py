@@ -18,6 +18,7 @@ from frankapy import (
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
     cli,
+    connection,
     proto,
 )
 from frankapy.parts import JointImpedance, MinJerkJoint, RelativeMinJerkJoint
@@ -121,7 +122,8 @@ def test_never_is_for_people_at_the_robot(sim, fa):
 
 
 @pytest.mark.parametrize("error", ["cartesian_reflex", "joint_reflex", "self_collision_avoidance_violation"])
-def test_from_a_collision_nothing_recovers_by_itself(sim, fa, error):
+def test_from_a_collision_nothing_recovers_by_itself(sim, fa, error, monkeypatch):
+    monkeypatch.setattr(connection, "_LEASE_TIME", 0)  # a client that is held up for as long loses the arm
     fa.recovery = "itself"
     recovery = fail(sim, fa, error).recovery
     assert not recovery.recovered and recovery.who == ASK and recovery.obstacle == proto.IN_REFLEX
@@ -274,7 +276,7 @@ def test_an_arm_that_reboots_in_the_middle_of_a_skill_is_there_again():
 def test_the_result_of_a_client_that_was_killed_says_so(sim, fa):
     script = (
         "import sys, time; from frankapy import FrankaArm; from frankapy.parts import RelativeMinJerkJoint\n"
-        "fa = FrankaArm(server=sys.argv[1]); fa.run(RelativeMinJerkJoint([0.01] * 7, 60), block=False)\n"
+        "fa = FrankaArm(server=sys.argv[1]); fa.run(RelativeMinJerkJoint([0.01] * 7, 3600), block=False)\n"
         "print(fa._motions.running.id, flush=True); time.sleep(1000)"
     )
     fa.close()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from conftest import FASTEST, HOME, client_after_crash
 
-from frankapy import FrankaArmArgumentError, FrankaArmBusyException, proto
+from frankapy import FrankaArmArgumentError, FrankaArmBusyException, connection, proto
 from frankapy.limits import BODY_REGIONS, contact_speed
 from frankapy.parts import CartesianImpedance, InternalImpedance, JointImpedance, JointWaypoints, MinJerkJoint, Never, StreamJoint, StreamPose
 
@@ -61,10 +61,11 @@ def test_what_is_no_limit_is_refused_and_nothing_changed(case, limited):
     assert limited.limits.now == before
 
 
-def test_another_client_changes_nothing_while_this_one_commands(limited, ideal_arm):
-    limited.limits.velocity = 0.5
-    limited.run(MinJerkJoint(HOME, 1), InternalImpedance())
+def test_another_client_changes_nothing_while_this_one_commands(limited, ideal_arm, monkeypatch):
+    monkeypatch.setattr(connection, "_LEASE_TIME", 0)  # a client that is held up for as long loses the arm
     with ideal_arm.client() as other:
+        limited.limits.velocity = 0.5
+        limited.run(MinJerkJoint(HOME, 1), InternalImpedance())
         assert other.limits.velocity == 0.5
         with pytest.raises(FrankaArmBusyException):
             other.limits.reset()
@@ -112,10 +113,10 @@ def test_what_is_streamed_keeps_to_a_speed_of_the_tool(of, how, limited, ideal_a
 def test_a_motion_that_runs_is_slowed_and_goes_on(controller, limited, ideal_arm):
     begin = ideal_arm.cycle()
     to_and_fro = np.array([ASIDE, HOME] * 7 + [ASIDE])
-    limited.run(JointWaypoints(to_and_fro, times=1.5 * np.arange(1, len(to_and_fro) + 1)), controller, block=False)
-    limited.wait_for(lambda state: state.skill_time > 2)
-    limited.limits.update(tool_speed=0.2, velocity=0.5)
     with ideal_arm.standing_still():
+        limited.run(JointWaypoints(to_and_fro, times=1.5 * np.arange(1, len(to_and_fro) + 1)), controller, block=False)
+        ideal_arm.simulation.step(2500)
+        limited.limits.update(tool_speed=0.2, velocity=0.5)
         first = ideal_arm.cycle()
     limited.wait_for_skill()
     result = limited.last_skill_result

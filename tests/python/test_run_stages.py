@@ -35,7 +35,7 @@ MAKEFILE = """
 PASSED := <testcase classname="a" name="good"/>
 FAILED := <testcase classname="a" name="bad"><failure message="it is 3">and should be 4</failure></testcase>
 AHEAD   = echo $(1) > ahead.new && mv ahead.new ahead
-.PHONY: passes fails hangs leaves_behind counts luck no_luck unreadable late waits tells
+.PHONY: passes fails hangs leaves_behind counts luck whole_luck no_luck unreadable late waits tells
 passes: ; @echo fine
 fails: ; @echo 'no such wire' && false
 hangs: ; @echo $$$$ > pid && $(call AHEAD,1000) && exec sleep 1000
@@ -44,6 +44,7 @@ leaves_behind:
 \t@until test -s pid; do sleep 0.01; done
 counts: ; @echo '<s>$(PASSED)$(FAILED)<testcase name="other"><skipped/></testcase></s>' > $(JUNIT)/a.xml && false
 luck: ; @echo try >> tries && echo '<s>$(if $(AGAIN),,$(FAILED))$(PASSED)</s>' > $(JUNIT)/a.xml && test -n '$(AGAIN)'
+whole_luck: ; @echo try$(AGAIN) >> tries && test $$(wc -l < tries) = 2
 no_luck: ; @echo try >> tries && echo '<s>$(FAILED)$(PASSED)</s>' > $(JUNIT)/a.xml && false
 unreadable: ; @echo '<s>' > $(JUNIT)/a.xml
 late: ; @$(call AHEAD,90)
@@ -78,7 +79,7 @@ class Stages:
     def run(self, *stages: str, **how) -> tuple[int, str]:
         """Return exit status and what was printed."""
         process = self.start(*stages, **how)
-        printed, _ = process.communicate(timeout=100)
+        printed, _ = process.communicate(timeout=300)
         return process.returncode, printed
 
     @property
@@ -167,6 +168,13 @@ def test_a_second_try_is_named_and_counts(stages):
     assert (status, last_line(printed)) == (0, "2 passed, 0 failed")
 
 
+def test_a_stage_without_tests_has_its_second_try_as_a_whole(stages):
+    status, printed = stages.run("whole_luck,60,2")
+    assert "needed a second try: make whole_luck" in printed
+    assert (stages.folder / "tries").read_text() == "try\n" * 2
+    assert (status, last_line(printed)) == (0, "1 passed, 0 failed")
+
+
 def test_what_never_passes_is_tried_so_often_and_has_failed(stages):
     status, printed = stages.run("no_luck,60,3")
     assert (stages.folder / "tries").read_text() == "try\n" * 3
@@ -183,7 +191,7 @@ def test_while_a_stage_takes_long_its_last_line_is_told(stages):
     process = stages.start("tells")
     line = process.stdout.readline()
     (stages.folder / "told").touch()
-    rest, _ = process.communicate(timeout=60)
+    rest, _ = process.communicate(timeout=300)
     assert re.fullmatch(r"tells +7\d s  so far\n", line)
     assert last_line(rest) == "1 passed, 0 failed"
 
@@ -195,7 +203,7 @@ def test_sigterm_ends_all_and_is_a_failure(stages):
         assert time.monotonic() < deadline
         time.sleep(0.01)
     process.send_signal(signal.SIGTERM)
-    printed, _ = process.communicate(timeout=60)
+    printed, _ = process.communicate(timeout=300)
     assert process.returncode == 1
     assert not stages.left_over
     assert table(printed) == {"passes": (1, 0, "ok"), "waits": (1, 1, "FAILED")}

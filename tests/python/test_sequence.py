@@ -175,7 +175,7 @@ def test_a_bad_sequence_is_refused(fa):
 )
 def test_a_motion_takes_over_in_the_middle(fa, controller, robot_controller):
     for _ in range(5):
-        fa.run(MinJerkJoint(HOME + 3 * STEP, 60), block=False)
+        fa.run(MinJerkJoint(HOME + 3 * STEP, 1000), block=False)
         first = fa._motions.running
         result = fa.run(TimeOptimalJoint(HOME, 0.5), controller, preempt=True, robot_controller=robot_controller)
         assert first.call.final().skill_result.ending == proto.PREEMPTED
@@ -203,7 +203,7 @@ def test_a_coroutine_waits_while_others_run(fa):
 
 def test_a_coroutine_that_is_cancelled_stops_the_arm(fa):
     async def main():
-        fa.goto_joints(HOME + [0.3, 0, 0, 0, 0, 0, 0], 100, block=False, ignore_virtual_walls=True)
+        fa.goto_joints(HOME + [0.3, 0, 0, 0, 0, 0, 0], 1000, block=False, ignore_virtual_walls=True)
         await asyncio.wait_for(fa.finished(), 0.05)
 
     with pytest.raises(asyncio.TimeoutError):

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zmq
+from conftest import server_processes
 
-from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, channel, proto
 from frankapy.sim import (
     CONTROL_PORT,
     FCI_PORT,
@@ -51,7 +52,7 @@ def fa(sim):
         yield arm
 
 
-def until(condition, timeout=10.0):
+def until(condition, timeout=60.0):
     """Wait until a condition holds."""
     deadline = time.monotonic() + timeout
     while not condition():
@@ -72,15 +73,15 @@ def test_truth_is_what_the_robot_says_of_an_ideal_arm(sim, fa):
 
 
 def test_the_truth_file_grows_by_a_hundred_rows(tmp_path):
-    with Simulation(SimulatedArm(truth=tmp_path / "truth.npy")):
-        first = read_truth(tmp_path / "truth.npy", until=1)
-        second = read_truth(tmp_path / "truth.npy", until=first["cycle"][-1] + 1)
+    with Simulation(SimulatedArm(lockstep=True, truth=tmp_path / "truth.npy")):
+        first = read_truth(tmp_path / "truth.npy", until=1, timeout=60)
+        second = read_truth(tmp_path / "truth.npy", until=first["cycle"][-1] + 1, timeout=60)
     assert len(first) % 100 == 0 and len(second) % 100 == 0 and len(second) > len(first)
 
 
 @pytest.mark.parametrize("ideal", [True, False])
 def test_the_sensors_of_an_ideal_arm_have_no_noise(ideal):
-    with Simulation(SimulatedArm(ideal=ideal)) as sim, FrankaArm(server=sim.server) as fa, fa.states() as states:
+    with Simulation(SimulatedArm(ideal=ideal, lockstep=True)) as sim, FrankaArm(server=sim.server) as fa, fa.states() as states:
         q = np.array([states.receive().robot.q for _ in range(20)])
         assert (np.ptp(q, axis=0) < 1e-7).all() == ideal
 
@@ -110,7 +111,7 @@ def test_the_programs_of_a_script_that_is_killed_end():
     until(lambda: not any(map(is_running, processes)))
 
 
-def test_a_port_that_is_taken_is_told_with_by_whom(sim):
+def test_a_port_that_is_taken_is_told_with_by_whom(sim, monkeypatch):
     port = sim.server.rpartition(":")[2]
     done = subprocess.run(
         [sys.executable, "-m", "frankapy.cli", "sim", "--port", port], capture_output=True, text=True, timeout=60, check=False
@@ -120,6 +121,7 @@ def test_a_port_that_is_taken_is_told_with_by_whom(sim):
     assert "frankapy sim --port 0" in done.stderr
     with socket.create_server(("127.0.0.1", 0)) as stranger:
         stranger.listen()
+        monkeypatch.setattr(channel, "SILENCE", 1.0)
         with pytest.raises(FrankaArmException, match="is taken, by another program"):
             Simulation(port=stranger.getsockname()[1])
 
@@ -168,9 +170,10 @@ def test_while_paused_states_go_on_and_the_world_does_not(sim):
 def test_a_motion_waits_while_paused(sim, fa):
     fa.goto_joints(HOME, duration=1)
     goal = np.array(HOME) + 0.1
+    sim.pause()
     fa.goto_joints(goal, duration=60, block=False)
     until(lambda: sim.truth().moving)
-    sim.pause()
+    sim.step(10)
     before = sim.truth()
     time.sleep(0.1)
     after = sim.truth()
@@ -187,7 +190,8 @@ def test_slow_time_is_slow():
     with Simulation(SimulatedArm(speed=0.1)) as slow:
         wall, world = time.monotonic(), slow.truth().time
         until(lambda: slow.truth().time > world + 0.03)
-        assert slow.truth().time - world < 0.1 * (time.monotonic() - wall) + 0.002
+        # A computer that was late is made up for by a third more.
+        assert slow.truth().time - world < 0.1 * 4 / 3 * (time.monotonic() - wall) + 0.002
 
 
 def test_between_motions_the_world_stands_still(sim, fa):
@@ -209,6 +213,20 @@ def test_between_motions_the_world_stands_still(sim, fa):
         assert sim.truth().finger.sum() == pytest.approx(0.03, abs=0.002)
     finally:
         sim.resume()
+
+
+def test_lockstep_waits_as_long_as_it_is_told():
+    with Simulation(SimulatedArm(lockstep=True, patience=0.01)) as sim, FrankaArm(server=sim.server) as fa:
+        fa.goto_joints(np.array(HOME) + 0.1, duration=3600, block=False)
+        until(lambda: sim.truth().moving)
+        programs = server_processes(sim)
+        for process in programs:
+            os.kill(process, signal.SIGSTOP)
+        until(lambda: not sim.truth().moving, 20)  # twenty commands; 40 s by default
+        for process in programs:
+            os.kill(process, signal.SIGCONT)
+        fa.wait_for_skill()
+        assert list(fa.last_skill_result.errors) == ["communication_constraints_violation"]
 
 
 def test_a_saved_moment_comes_back(sim, fa):
@@ -319,14 +337,15 @@ def test_a_hand_leads_the_arm(sim, fa):
     sim.user_stop()
     until(lambda: not sim.truth().moving)
     sim.guide()
+    sim.pause()
     start = sim.truth()
     way = start.O_T_TCP[:3, 3] + [[0.05, 0.05, 0], [0.05, 0.1, -0.05]]
     sim.hand(way, times=[1, 2], duration=3, stiffness=800)
-    until(lambda: sim.truth().time > start.time + 1)
-    halfway = sim.truth()
-    assert halfway.push[:3].any()
-    until(lambda: sim.truth().time > start.time + 2.9)
+    sim.step(1000)
+    assert sim.truth().push[:3].any()
+    sim.step(1900)
     led = sim.truth().O_T_TCP[:3, 3]
+    sim.resume()
     sim.guide(False)
     sim.user_stop(False)
     np.testing.assert_allclose(led, way[-1], atol=0.01)
@@ -436,7 +455,7 @@ def test_locked_joints_take_no_motion(sim, fa, monkeypatch):
     with pytest.raises(FrankaArmException, match="unlock the joints and activate FCI in Desk"):
         fa.goto_joints(HOME, duration=1)
     sim.lock_joints(False)
-    fa.wait_for_franka_interface(10)
+    fa.wait_for_franka_interface(60)
     fa.goto_joints(HOME, duration=1)
 
 
@@ -487,7 +506,7 @@ def test_lost_packets_lower_the_success_rate(sim, fa):
 
 
 def test_two_arms_share_a_world():
-    with Simulation(SimulatedArm(robot="fr3,fer", scene="two_arms", ideal=True)) as both:
+    with Simulation(SimulatedArm(robot="fr3,fer", scene="two_arms", ideal=True, lockstep=True)) as both:
         first, second = both.arms
         both.pause()
         assert second.truth().paused == "all"
@@ -510,16 +529,21 @@ def test_two_arms_share_a_world():
 
 
 def test_eight_arms_of_one_process(tmp_path):
-    arms = SimulatedArm(robot="fr3,fer", arms=8, truth=tmp_path / "run.npy", ideal=True)
+    arms = SimulatedArm(robot="fr3,fer", arms=8, truth=tmp_path / "run.npy", ideal=True, lockstep=True)
     with Simulation(arms) as eight:
         first = eight.addresses[0].rsplit(".", 1)
         assert eight.addresses == [f"{first[0]}.{int(first[1]) + i}" for i in range(8)]
-        eight.arms[7].push([0, 10, 0, 0, 0, 0], 0.2)
-        until(lambda: eight.arms[7].truth().push.any())
-        until(lambda: not eight.arms[7].truth().push.any())
+        last = eight.arms[7]
+        last.pause()
+        last.push([0, 10, 0, 0, 0, 0], 0.2)
+        last.step(100)
+        assert last.truth().push.any()
+        last.step(101)
+        assert not last.truth().push.any()
+        last.resume()
         ends = [arm.truth().cycle for arm in eight.arms]
         files = [tmp_path / ("run.npy" if i == 0 else f"run.{i + 1}.npy") for i in range(8)]
-        pushed = [read_truth(path, until=end)["push"].any() for path, end in zip(files, ends, strict=True)]
+        pushed = [read_truth(path, until=end, timeout=60)["push"].any() for path, end in zip(files, ends, strict=True)]
         assert pushed == [False] * 7 + [True]
 
 
@@ -540,7 +564,7 @@ def test_scenes_that_cannot_be_are_named_with_what_is_missing(tmp_path):
 
 
 def test_arms_of_one_process_have_worlds_of_their_own():
-    with Simulation(SimulatedArm(arms=2, scene="table_with_block", truth=None)) as both:
+    with Simulation(SimulatedArm(arms=2, scene="table_with_block", lockstep=True)) as both:
         first, second = both.arms
         second.pause()
         cycle = second.truth().cycle
@@ -571,13 +595,13 @@ def run(path, seed):
         fa.goto_joints(goal, duration=1)
         until(lambda: not simulation.truth().moving)
         end = simulation.truth().cycle
-    return read_truth(path, until=end)
+    return read_truth(path, until=end, timeout=60)
 
 
 def test_the_same_script_and_seed_give_the_same_bytes(tmp_path):
     first = run(tmp_path / "first.npy", seed=5)
     assert len(first) > 4000 and first["push"].any()
-    # A computer that stands still for more than 250 ms in the middle of a motion makes it another: two of four have to agree.
+    # A computer that stands still for more than 5 s in the middle of a motion makes it another: two of four have to agree.
     seen = {(tmp_path / "first.npy").read_bytes()}
     for attempt in range(3):
         path = tmp_path / f"again{attempt}.npy"
@@ -630,7 +654,7 @@ def test_garbage_is_answered_and_the_arm_goes_on(sim):
             socket.linger = 0
             socket.connect(f"tcp://{sim.addresses[0]}:{CONTROL_PORT}")
             socket.send_multipart(frames)
-            assert socket.poll(5000)
+            assert socket.poll(30_000)
             assert proto.SimulationReply.FromString(socket.recv()).error
     with context.socket(zmq.REQ) as socket:
         socket.linger = 0

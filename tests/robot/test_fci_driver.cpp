@@ -15,8 +15,11 @@ using robot::Received;
 using testing_tools::Bytes;
 using testing_tools::ScriptedRobot;
 
+// Where no time is looked at: a computer that stands still for a while is no robot that does not answer.
+constexpr robot::FciTimes kPatient{20s, 20s, 20s};
+
 // What connect() says when it throws.
-std::string refusal(const std::string& address, const robot::FciTimes& times = {}) {
+std::string refusal(const std::string& address, const robot::FciTimes& times = kPatient) {
   try {
     FciDriver::connect(address, times);
   } catch (const robot::ConnectError& error) {
@@ -30,14 +33,14 @@ bool contains(const std::string& text, const std::string& part) { return text.fi
 
 // Runs the robot's side while the client connects.
 template <class Script>
-std::unique_ptr<FciDriver> connect(ScriptedRobot& robot, Script script, const robot::FciTimes& times = {}) {
+std::unique_ptr<FciDriver> connect(ScriptedRobot& robot, Script script, const robot::FciTimes& times = kPatient) {
   auto side = std::async(std::launch::async, script);
   auto driver = FciDriver::connect(robot.address(), times);
   side.get();
   return driver;
 }
 template <class Script>
-std::string refusal(ScriptedRobot& robot, Script script, const robot::FciTimes& times = {}) {
+std::string refusal(ScriptedRobot& robot, Script script, const robot::FciTimes& times = kPatient) {
   auto side = std::async(std::launch::async, script);
   const std::string text = refusal(robot.address(), times);
   side.get();
@@ -229,8 +232,8 @@ class Driver : public testing::Test {
   std::unique_ptr<FciDriver> driver;
   fci::RobotState state;
 
-  void connect_driver(const robot::FciTimes& times = {}) {
-    driver = connect(robot, [this] { robot.serve_connect(); }, times);
+  void connect_driver(std::chrono::milliseconds silence = kPatient.silence) {
+    driver = connect(robot, [this] { robot.serve_connect(); }, {kPatient.connect, kPatient.model, silence});
   }
   // Answers in the order in which they arrive, until there are so many.
   std::vector<robot::Answer> answers(std::size_t count) {
@@ -315,13 +318,13 @@ TEST_F(Driver, NoticesATcpCloseWhileStatesFlow) {
 }
 
 TEST_F(Driver, NoticesATcpCloseWhileNothingComes) {
-  connect_driver({.silence = 2s});  // in which it looks ten times
+  connect_driver(2s);  // in which it looks ten times
   robot.hang_up();
   EXPECT_EQ(driver->receive(state), Received::kLost);
 }
 
 TEST_F(Driver, WaitsForASilentRobotAsLongAsItIsTold) {
-  connect_driver({.silence = 100ms});
+  connect_driver(100ms);
   const auto start = std::chrono::steady_clock::now();
   EXPECT_EQ(driver->receive(state), Received::kNothing);
   EXPECT_GE(std::chrono::steady_clock::now() - start, 100ms);
@@ -393,7 +396,7 @@ TEST_F(Driver, RequestsThatAreNeverAnsweredAreForgotten) {
 }
 
 TEST_F(Driver, StatesThatRepeatOrGoBackArePassedOver) {
-  connect_driver({.silence = 100ms});
+  connect_driver(100ms);
   robot.send_state();
   ASSERT_EQ(driver->receive(state), Received::kState);
   const auto newest = state.message_id;
@@ -512,7 +515,7 @@ TEST(FciDriverConnect, SaysThatWhatAnswersIsNoRobot) {
 
 TEST(FciDriverConnect, SaysThatNoStatesArrive) {
   ScriptedRobot robot(10);
-  std::string text = refusal(robot, [&] { robot.take_connect(0, 10); }, {.connect = 500ms});
+  std::string text = refusal(robot, [&] { robot.take_connect(0, 10); }, {.connect = 3s});
   EXPECT_TRUE(contains(text, "no states arrive")) << text;
   EXPECT_TRUE(contains(text, "firewall")) << text;
 
@@ -520,7 +523,7 @@ TEST(FciDriverConnect, SaysThatNoStatesArrive) {
   text = refusal(other, [&] {
     other.take_connect(0, 10);
     other.send_datagram(Bytes(1376));
-  }, {.connect = 500ms});
+  }, {.connect = 3s});
   EXPECT_TRUE(contains(text, "received datagrams of 1376 bytes")) << text;
 }
 

@@ -56,7 +56,7 @@ class ScriptedHand : public ScriptedServer {
 
 class Gripper : public testing::Test {
  protected:
-  void SetUp() override { connect({}); }
+  void SetUp() override { connect({.connect = 20s, .answer = 20s}); }
   void connect(const robot::GripperTimes& times) {
     client.reset();
     auto side = std::async(std::launch::async, [this] { hand.serve_connect(); });
@@ -145,7 +145,7 @@ TEST_F(Gripper, AHandThatGivesNoAnswerEndsTheCallAndNothingElse) {
   EXPECT_EQ(client->lost(), "");
   // What comes later is passed over.
   for (int i = 0; i < 4; ++i) hand.answer(hand.request().header, gripper::Response{Status::kFail});
-  connect({.answer = 20s});
+  connect({.connect = 20s, .answer = 20s});
   EXPECT_EQ(outcome([&] { return client->homing(); }, gripper::Command::kHoming, Status::kSuccess), Outcome::kSuccess);
 }
 
@@ -179,30 +179,32 @@ TEST_F(Gripper, AnswersInPiecesAreOne) {
 
 TEST_F(Gripper, KeepsTheNewestStateAndDropsWhatIsNone) {
   EXPECT_FALSE(client->state());
-  const auto width_becomes = [&](double width) {
-    for (;;) {
-      const auto state = client->state();
-      if (state && state->width == width) return state;
-      std::this_thread::sleep_for(1ms);
+  // What it makes of a state, which is sent again as often as it has become a second old unread.
+  const auto read = [&](gripper::State sent) {
+    for (;; ++sent.message_id) {
+      hand.send_state(sent);
+      for (int i = 0; i < 500; ++i) {
+        const auto state = client->state();
+        if (state && state->width == sent.width) return state;
+        std::this_thread::sleep_for(1ms);
+      }
     }
   };
-  hand.send_state({5, 0.03, 0.08, true, 31});
-  const auto first = width_becomes(0.03);
+  const auto first = read({5, 0.03, 0.08, true, 31});
   EXPECT_TRUE(first->is_grasped);
   EXPECT_EQ(first->temperature, 31);
   hand.send_state({4, 0.01, 0.08, true, 31});         // older
-  hand.send_state({6, std::nan(""), 0.08, true, 31});
+  hand.send_state({first->message_id + 1, std::nan(""), 0.08, true, 31});
   hand.send_datagram(Bytes(22));
   hand.send_datagram(Bytes(24));
-  hand.send_state({7, 0.05, 0.08, false, 31});
-  EXPECT_FALSE(width_becomes(0.05)->is_grasped);
+  EXPECT_FALSE(read({first->message_id + 2, 0.05, 0.08, false, 31})->is_grasped);
   while (client->state()) std::this_thread::sleep_for(10ms);  // until it is a second old
 }
 
 TEST(GripperConnect, SaysWhatIsWrong) {
   const auto refusal = [](const std::string& address) -> std::string {
     try {
-      GripperClient client(address);
+      GripperClient client(address, {.connect = 20s});
     } catch (const robot::ConnectError& error) {
       return error.what();
     }

@@ -31,13 +31,14 @@ from errors import error_names
 from scenario import Event, Scenario
 from tapped_server import TappedServer, tapped_server
 
-from frankapy import FrankaArm, FrankaArmBusyException, FrankaArmCommException, FrankaArmException, RigidTransform, proto
+from frankapy import FrankaArm, FrankaArmBusyException, FrankaArmCommException, FrankaArmException, RigidTransform, channel, proto
 from frankapy.parts import MinJerkJoint, RelativeMinJerkJoint
 from frankapy.sim import ControlChannel
 
+channel.SILENCE = 60.0  # s: that this computer stands still for a while is no violation
 EVENT = 240  # s of the wall, for the end of an event; it mostly takes some two
-READY = 60  # s of the wall, for an arm to be ready again
-REPORTED = 20  # s of the wall, for the result of a skill that has been stopped
+READY = 120  # s of the wall, for an arm to be ready again
+REPORTED = 60  # s of the wall, for the result of a skill that has been stopped
 COMES_BESIDE = 0.02  # m, from the arm at rest to a wall that comes
 COMES_AHEAD = 0.35  # m, from an arm that moves
 MOST_WALLS = 5
@@ -319,7 +320,7 @@ class Player:
         while True:
             try:
                 self._connect()
-                self._fa.wait_for_franka_interface(30)
+                self._fa.wait_for_franka_interface(60)
                 break
             except FrankaArmException as error:
                 if time.monotonic() > until:

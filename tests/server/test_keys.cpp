@@ -269,7 +269,8 @@ class KeyedTransportTest : public testing::Test {
   Publisher publisher_{context_, {"127.0.0.1", &keys_}, 0, door_, nullptr};
   SensorHub sensors_{context_, {"127.0.0.1", &keys_}, 0, box_.journal, false};
   Recorder recorder_{box_, RecordingsConfig{.mode = RecordingsConfig::Mode::kOff, .folder = {}}, "arm", nullptr};
-  Transport transport_{context_, {"127.0.0.1", &keys_}, 0, door_, publisher_, sensors_, recorder_, nullptr};
+  Transport transport_{context_, {"127.0.0.1", &keys_}, 0, door_, publisher_, sensors_, recorder_, nullptr, WallStore({}),
+                       {.clock = [] { return std::chrono::steady_clock::duration{}; }}};  // no lease falls free
   std::atomic<bool> quit_{false};
   std::thread thread_;
   const proto::Skill skill_ = skill_of(joint_motion(), proto::JointImpedance());

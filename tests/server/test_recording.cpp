@@ -40,11 +40,17 @@ std::size_t count(const std::vector<std::string>& lines, const std::string& star
 class RecordingTest : public testing::Test {
  protected:
   RecordingTest() {
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
+    for (const auto& folder : {folder_, boxes_}) {
+      fs::remove_all(folder);
+      fs::create_directories(folder);
+    }
+    setenv("FRANKA_INTERFACE_BLACK_BOXES", boxes_.c_str(), 1);  // no server of this user takes them
     config_.folder = folder_;
   }
-  ~RecordingTest() override { fs::remove_all(folder_); }
+  ~RecordingTest() override {
+    fs::remove_all(folder_);
+    fs::remove_all(boxes_);
+  }
 
   // Cycles of an arm.
   void cycles(int n, realtime::Phase phase = realtime::Phase::kRunning, std::uint64_t skill = 1) {
@@ -68,11 +74,12 @@ class RecordingTest : public testing::Test {
     return files;
   }
   bool wait_for(const std::function<bool()>& so) const {
-    for (int i = 0; i < 1000 && !so(); ++i) std::this_thread::sleep_for(10ms);
+    for (int i = 0; i < 6000 && !so(); ++i) std::this_thread::sleep_for(10ms);
     return so();
   }
 
   const fs::path folder_ = fs::temp_directory_path() / fmt::format("test-recording-{}", getpid());
+  const fs::path boxes_ = fmt::format("/dev/shm/test-recording-{}", getpid());
   RecordingsConfig config_;
   BlackBox box_;
   realtime::Record record_;
@@ -153,20 +160,26 @@ TEST_F(RecordingTest, EachSkillHasItsFile) {
 }
 
 TEST_F(RecordingTest, AnErrorIsKeptWithTheTenSecondsBefore) {
+  std::chrono::steady_clock::duration took{};
   {
     Recorder recorder(box_, config_, "arm", nullptr);
     box_.journal.note("/log", "frankapy.proto.LogLine", "");
     cycles(9000);
+    const auto begin = std::chrono::steady_clock::now();
     robot_mode_ = fci::RobotMode::kReflex;
     record_.state.reflex_reason[static_cast<std::size_t>(fci::Error::kJointReflex)] = true;
     cycles(10, realtime::Phase::kError, 0);
     ASSERT_TRUE(wait_for([&] { return !files().empty(); }));
     cycles(20, realtime::Phase::kError, 0);
+    took = std::chrono::steady_clock::now() - begin;
   }
   ASSERT_EQ(files().size(), 1u);
   EXPECT_NE(files()[0].string().find("error-joint_reflex"), std::string::npos) << files()[0];
   const auto lines = read(files()[0]);
-  EXPECT_EQ(count(lines, "/states"), 9030u);
+  EXPECT_GE(count(lines, "/states"), 9010u);
+  if (took < 1s) {  // for which it goes on; a computer may stand still for longer
+    EXPECT_EQ(count(lines, "/states"), 9030u);
+  }
   EXPECT_EQ(count(lines, "/log"), 1u);
 }
 
@@ -294,15 +307,6 @@ TEST_F(RecordingTest, SurvivesItsProcess) {
 // Nobody is left of a server but what lies in its named file: that is written to its own folder, once, by whoever starts next.
 TEST_F(RecordingTest, WhatAllOfItsProcessesLeaveIsFound) {
   const BlackBoxOwner owner{"left", folder_, 1};
-  const auto mine = [&] {
-    std::vector<LeftBlackBox> boxes = left_black_boxes();
-    std::erase_if(boxes, [&](const LeftBlackBox& box) {
-      if (box.owner.folder == owner.folder) return false;
-      close(box.fd);  // of others
-      return true;
-    });
-    return boxes;
-  };
   const int fd = make_black_box_file(owner);
   const pid_t child = fork();
   if (child == 0) {
@@ -322,19 +326,19 @@ TEST_F(RecordingTest, WhatAllOfItsProcessesLeaveIsFound) {
     return box && box->records.written() > 200;
   }));
   box.reset();  // its memory holds the file as well
-  EXPECT_TRUE(mine().empty());  // two hold it
+  EXPECT_TRUE(left_black_boxes().empty());  // two hold it
   close(fd);
-  EXPECT_TRUE(mine().empty());  // one does still
+  EXPECT_TRUE(left_black_boxes().empty());  // one does still
   kill(child, SIGKILL);
   waitpid(child, nullptr, 0);
-  auto boxes = mine();
+  auto boxes = left_black_boxes();
   ASSERT_EQ(boxes.size(), 1u);
   EXPECT_EQ(boxes[0].owner.arm, "left");
   EXPECT_EQ(boxes[0].owner.max_gb, 1);
-  EXPECT_TRUE(mine().empty());  // it is ours now
+  EXPECT_TRUE(left_black_boxes().empty());  // it is ours now
   close(boxes[0].fd);
   write_left_black_boxes();
-  EXPECT_TRUE(mine().empty());
+  EXPECT_TRUE(left_black_boxes().empty());
   std::vector<fs::path> files;
   for (const auto& entry : fs::directory_iterator(folder_ / "left")) files.push_back(entry.path());
   ASSERT_EQ(files.size(), 1u);
@@ -345,7 +349,7 @@ TEST_F(RecordingTest, WhatAllOfItsProcessesLeaveIsFound) {
 }
 
 TEST_F(RecordingTest, ABlackBoxOfAnotherUserOrBuildIsNotRead) {
-  const fs::path theirs = fs::path(kBlackBoxFolder) / fmt::format("franka-interface-{}-test", geteuid());
+  const fs::path theirs = boxes_ / fmt::format("franka-interface-{}-test", geteuid());
   const fs::path target = folder_ / "target";
   std::ofstream(target) << "theirs";
   fs::create_symlink(target, theirs);

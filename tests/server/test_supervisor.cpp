@@ -99,19 +99,19 @@ class Program {
 };
 
 bool eventually(const std::function<bool()>& condition) {
-  for (const auto deadline = Clock::now() + 30s; Clock::now() < deadline; std::this_thread::sleep_for(20ms)) {
+  for (const auto deadline = Clock::now() + 60s; Clock::now() < deadline; std::this_thread::sleep_for(20ms)) {
     if (condition()) return true;
   }
   return false;
 }
 
-// Two arms, of which the first is there.
+// Two arms, of which the first is there. In lockstep, as one that this computer stops for a second has not gone.
 class SupervisorTest : public testing::Test {
  protected:
   SupervisorTest() : robot_(left_) {
     std::ofstream(file_) << "[server]\nport = 0\n[[arm]]\nname = 'left'\naddress = '" << left_
-                         << "'\ngripper = false\n[[arm]]\nname = 'right'\naddress = '" << right_
-                         << "'\ngripper = false\n";
+                         << "'\ngripper = false\nlockstep = true\n[[arm]]\nname = 'right'\naddress = '" << right_
+                         << "'\ngripper = false\nlockstep = true\n";
     program_.emplace(std::vector<std::string>{"--config", file_});
     client_.emplace(context_, program_->endpoint());
   }
@@ -196,9 +196,10 @@ TEST_F(SupervisorTest, AnArmThatDiesIsStartedAgainWhereItWas) {
   ASSERT_TRUE(client.hello().has_welcome());
   const auto before = program_->children();
   ASSERT_EQ(before.size(), 2u);
+  const int connections = robot_.connections();
 
   kill(before[0], SIGKILL);
-  ASSERT_TRUE(eventually([&] { return robot_.connections() == 2 && ready(0); })) << arm(0).status();
+  ASSERT_TRUE(eventually([&] { return robot_.connections() > connections && ready(0); })) << arm(0).status();
   EXPECT_EQ(arm(0).starts(), 2u);
   EXPECT_EQ(arm(0).ended(), "was killed by signal 9 (Killed)");
   EXPECT_EQ(arm(1).starts(), 1u);
@@ -218,8 +219,9 @@ TEST_F(SupervisorTest, AnArmThatHangsIsStartedAgain) {
   ASSERT_TRUE(eventually([&] { return ready(0); }));
   const auto before = program_->children();
   ASSERT_EQ(before.size(), 2u);
+  const int connections = robot_.connections();
   kill(before[0], SIGSTOP);
-  ASSERT_TRUE(eventually([&] { return robot_.connections() == 2 && ready(0); })) << arm(0).status();
+  ASSERT_TRUE(eventually([&] { return robot_.connections() > connections && ready(0); })) << arm(0).status();
   const auto after = program_->children();
   EXPECT_EQ(std::count(after.begin(), after.end(), before[0]), 0);
   EXPECT_EQ(std::count(after.begin(), after.end(), before[1]), 1);

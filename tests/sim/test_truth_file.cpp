@@ -1,6 +1,7 @@
 #include "sim/world/truth_file.hpp"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cstdio>
 #include <cstring>
@@ -24,7 +25,7 @@ class TruthFileTest : public testing::Test {
   }
 
   std::string path(const std::string& name) {
-    return paths_.emplace_back(testing::TempDir() + "truth_" + name + ".npy");
+    return paths_.emplace_back(testing::TempDir() + "truth_" + std::to_string(getpid()) + "_" + name + ".npy");
   }
   static std::string bytes(const std::string& path) {
     std::ifstream file(path, std::ios::binary);
