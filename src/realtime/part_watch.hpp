@@ -1,5 +1,7 @@
 #pragma once
 
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -25,7 +27,7 @@ struct PartFault {
 //
 // A step may take kBudget. Wall time is measured always; it blames nobody, since the kernel may have let the thread wait.
 // A part that exceeds it has its next kWindow steps measured by the thread's processor time as well (which is a system
-// call): it is at fault when kMostLong of them take longer than the budget, or kMostVeryLong longer than kVeryLong. One
+// call), unless it is the part that lets the thread wait: it is at fault when kMostLong of them take longer than the budget, or kMostVeryLong longer than kVeryLong. One
 // long step alone is no fault: interrupts and a stalled virtual machine are charged to whom they interrupt.
 class PartWatch {
  public:
@@ -62,12 +64,14 @@ class PartWatch {
   bool step(int role, std::uint16_t number, Step step) noexcept {
     Slot& slot = this->slot(role);
     const bool closely = slot.closely > 0;
-    const std::int64_t used = closely ? now(CLOCK_THREAD_CPUTIME_ID) : 0, began = now(CLOCK_MONOTONIC);
+    const std::int64_t used = closely ? now(CLOCK_THREAD_CPUTIME_ID) : 0;
+    const long waits = closely ? this->waits() : 0;
+    const std::int64_t began = now(CLOCK_MONOTONIC);
     const bool answer = call(slot, number, step);
-    const std::int64_t wall = now(CLOCK_MONOTONIC) - began;
-    if (wall > longest_.ns) longest_ = {PartFault::Why::kTooLong, number, wall};
+    const std::int64_t wall = note(number, began);
     if (closely) {
-      judge(slot, number, wall > kBudget ? std::min(wall, now(CLOCK_THREAD_CPUTIME_ID) - used) : wall);
+      const bool never_waits = wall > kBudget && this->waits() == waits;
+      judge(slot, number, never_waits ? std::min(wall, now(CLOCK_THREAD_CPUTIME_ID) - used) : wall);
     } else if (wall > kBudget) {
       slot.closely = kWindow;
       slot.number_long = slot.number_very_long = 0;
@@ -78,7 +82,9 @@ class PartWatch {
   // Calls its start(), which may take longer.
   template <class Start>
   void start(int role, std::uint16_t number, Start start) noexcept {
+    const std::int64_t began = now(CLOCK_MONOTONIC);
     call(slot(role), number, [&] { return start(), true; });
+    note(number, began);
   }
 
  private:
@@ -87,6 +93,19 @@ class PartWatch {
     int number_long = 0, number_very_long = 0;  // of them
     bool at_fault = false;
   };
+
+  // How often this thread has given its processor away of itself.
+  static long waits() noexcept {
+    rusage used;
+    return ::getrusage(RUSAGE_THREAD, &used) == 0 ? used.ru_nvcsw : 0;
+  }
+
+  // Returns how long it took, ns.
+  std::int64_t note(std::uint16_t number, std::int64_t began) noexcept {
+    const std::int64_t wall = now(CLOCK_MONOTONIC) - began;
+    if (wall > longest_.ns) longest_ = {PartFault::Why::kTooLong, number, wall};
+    return wall;
+  }
 
   static std::int64_t now(clockid_t clock) noexcept {
     timespec now;

@@ -52,7 +52,7 @@ void Skills::begin_own(Build& build, std::function<void(const std::string&)> don
   const std::uint64_t id = skill->id = build.skill_id;
   publisher_.describe(id, build.message);
   Running running{build.from, {}, skill->trajectory->goal(), std::move(build.message), skill->mode, skill->settings, false,
-                  build.made_at};
+                  build.made_at, {}};
   running.done = std::move(done);
   running_.emplace(id, std::move(running));
   if (const auto unread = door_.next.put(std::move(skill))) end({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});

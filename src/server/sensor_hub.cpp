@@ -90,6 +90,13 @@ void SensorHub::release(std::uint64_t skill) {
   std::erase_if(listeners_, [skill](const Listener& listener) { return listener.skill == skill; });
 }
 
+void SensorHub::release(std::uint64_t skill, const Inputs& inputs) {
+  const std::lock_guard lock(mutex_);
+  std::erase_if(listeners_, [&](const Listener& listener) {
+    return listener.skill == skill && std::find(inputs.begin(), inputs.end(), listener.input) != inputs.end();
+  });
+}
+
 void SensorHub::describe(proto::Topics& out) const {
   out.set_garbage(garbage());
   const std::lock_guard lock(mutex_);

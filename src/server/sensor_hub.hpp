@@ -45,6 +45,7 @@ class SensorHub {
   // what took longer than that on its way, beside the quickest of its publisher, tells them nothing any more.
   void bind(std::uint64_t skill, Inputs inputs, bool queued, const Publishers& publishers = {});
   void release(std::uint64_t skill);
+  void release(std::uint64_t skill, const Inputs& inputs);
 
   // What came over each topic so far.
   void describe(frankapy::proto::Topics& out) const;

@@ -27,15 +27,11 @@ std::vector<std::string> kinds_of(const proto::Skill& skill) {
   return kinds;
 }
 
-std::vector<std::shared_ptr<realtime::SensorInput>> sensor_inputs(
-    const realtime::TrajectoryGenerator& trajectory, const realtime::Controller& controller,
-    const std::vector<std::unique_ptr<realtime::Termination>>& terminations) {
-  auto all = trajectory.sensor_inputs();
-  const auto add = [&all](const realtime::Part& part) {
-    for (auto& input : part.sensor_inputs()) all.push_back(std::move(input));
-  };
-  add(controller);
-  for (const auto& termination : terminations) add(*termination);
+SensorHub::Inputs inputs_of(const std::vector<std::unique_ptr<realtime::Termination>>& terminations) {
+  SensorHub::Inputs all;
+  for (const auto& termination : terminations) {
+    for (auto& input : termination->sensor_inputs()) all.push_back(std::move(input));
+  }
   return all;
 }
 
@@ -63,6 +59,14 @@ std::string worth_keeping(const realtime::SkillResult& result, const realtime::R
 }
 
 }  // namespace
+
+SensorHub::Inputs Skills::Listening::all() const {
+  SensorHub::Inputs all;
+  for (const auto& each : {trajectory, controller, terminations}) {
+    if (each) all.insert(all.end(), each->begin(), each->end());
+  }
+  return all;
+}
 
 Skills::Skills(realtime::Door& door, Publisher& publisher, SensorHub& sensors, Recorder& recorder, ConnectedArm& arm,
                Clients& clients, Answers& answers, ClientJobs& jobs, Recovery& recovery)
@@ -136,9 +140,9 @@ void Skills::begin(Build& build) {
   const proto::StartSkill& start = build.request.start_skill();
   const Found found = find(from, start);
   auto skill = std::move(build.skill);
-  auto inputs = sensor_inputs(*skill->trajectory, *skill->controller, skill->terminations);
+  const Listening listening{skill->trajectory->sensor_inputs(), skill->controller->sensor_inputs(), inputs_of(skill->terminations)};
   const auto publishers = build.message.publishers();
-  sensors_.check(publishers, inputs);
+  sensors_.check(publishers, listening.all());
   clients_.take_lease(from);
   const std::uint64_t id = skill->id = build.skill_id;
   if (found.queued) skill->after = start.after();
@@ -148,10 +152,10 @@ void Skills::begin(Build& build) {
   event.mutable_started()->Swap(&build.message);
   note(event, id, from);
   Running running{from, kinds_of(event.started()), skill->trajectory->goal(), std::move(*event.mutable_started()), skill->mode,
-                  skill->settings, !skill->controller->tracks(), build.made_at};
+                  skill->settings, !skill->controller->tracks(), build.made_at, listening};
   if (!found.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
-  sensors_.bind(id, std::move(inputs), found.queued, publishers);
+  sensors_.bind(id, listening.all(), found.queued, publishers);
   std::unique_ptr<realtime::Skill> unread;
   if (found.queued) {
     queue_.push_back(std::move(skill));
@@ -215,26 +219,24 @@ void Skills::begin_change(Build& build) {
   auto parts = std::make_unique<realtime::Change>();
   parts->skill_id = change.skill_id();
   parts->numbers = skill.numbers;
-  changing_ = Changing{build.from,   change.skill_id(),            std::move(build.message), running.goal,
-                       !skill.controller->tracks(), build.made_at, {}};
-  const auto listen = [this](const realtime::Part& part) {
-    for (auto& input : part.sensor_inputs()) changing_->inputs.push_back(std::move(input));
-  };
+  const bool lets_go = !skill.controller->tracks();
+  changing_ = Changing{build.from, change.skill_id(), std::move(build.message), running.goal, lets_go, build.made_at, {}};
+  Listening& listening = changing_->listening;
   if (change.has_trajectory()) {
     changing_->goal = skill.trajectory->goal();
-    listen(*skill.trajectory);
+    listening.trajectory = skill.trajectory->sensor_inputs();
     parts->trajectory = std::move(skill.trajectory);
   }
   if (change.has_controller()) {
-    listen(*skill.controller);
+    listening.controller = skill.controller->sensor_inputs();
     parts->controller = std::move(skill.controller);
   }
   if (!change.terminations().empty()) {
-    for (const auto& termination : skill.terminations) listen(*termination);
+    listening.terminations = inputs_of(skill.terminations);
     parts->terminations = std::move(skill.terminations);
     parts->changes_terminations = true;
   }
-  sensors_.bind(change.skill_id(), changing_->inputs, false, changing_->message.publishers());
+  sensors_.bind(change.skill_id(), listening.all(), false, changing_->message.publishers());
   door_.change.put(std::move(parts));
 }
 
@@ -289,7 +291,7 @@ void Skills::take_changes() {
     const std::unique_ptr<realtime::Change> change(*front);
     door_.changed.pop();
     if (!changing_) continue;
-    const Changing changing = std::move(*changing_);
+    Changing changing = std::move(*changing_);
     changing_.reset();
     if (!change->done) {
       answers_.send_error(changing.from, proto::Error::NOT_READY,
@@ -302,6 +304,11 @@ void Skills::take_changes() {
       running->second.goal = changing.goal;
       running->second.lets_go = changing.lets_go;
       running->second.made_at = changing.made_at;
+      for (const auto part : {&Listening::trajectory, &Listening::controller, &Listening::terminations}) {
+        if (!(changing.listening.*part)) continue;
+        std::swap(running->second.listening.*part, changing.listening.*part);
+        sensors_.release(changing.skill, *(changing.listening.*part));  // of what was replaced
+      }
       proto::SkillEvent event;
       *event.mutable_changed() = running->second.message;
       publisher_.describe(changing.skill, running->second.message);

@@ -15,6 +15,7 @@
 #include "server/client_jobs.hpp"
 #include "server/clients.hpp"
 #include "server/connected_arm.hpp"
+#include "server/sensor_hub.hpp"
 #include "server/skill_builder.hpp"
 
 namespace server {
@@ -22,7 +23,6 @@ namespace server {
 class Publisher;
 class Recorder;
 class Recovery;
-class SensorHub;
 
 // The skills of an arm from request to result: built on the workbench, queued, handed through the door, changed, ended; and what
 // their clients are told of that.
@@ -63,6 +63,11 @@ class Skills {
   realtime::Record require_state() const;
 
  private:
+  // What the parts of a skill listen to; of those that a change brings.
+  struct Listening {
+    std::optional<SensorHub::Inputs> trajectory, controller, terminations;
+    SensorHub::Inputs all() const;
+  };
   struct Running {
     Address starter;
     std::vector<std::string> terminations;  // kinds
@@ -72,6 +77,7 @@ class Skills {
     robot::Settings settings;
     bool lets_go;  // its controller
     MadeAt made_at;
+    Listening listening;
     std::function<void(const std::string&)> done = nullptr;  // of the server's own
     std::string black_box = {};                               // once its client is gone
     bool client_is_gone = false;
@@ -83,7 +89,7 @@ class Skills {
     realtime::Reference goal;
     bool lets_go;
     MadeAt made_at;
-    std::vector<std::shared_ptr<realtime::SensorInput>> inputs;
+    Listening listening;
   };
 
   // A skill on the workbench, and what it is for.

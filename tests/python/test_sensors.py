@@ -588,6 +588,16 @@ def test_a_change_keeps_what_is_not_given_wherever_the_arm_is(fa):
     np.testing.assert_allclose(fa.get_joints(), samples[-1], atol=5e-3)
 
 
+def test_a_part_that_was_replaced_listens_no_more(fa):
+    fa.run(StreamJoint("replaced"), JointImpedance(), Never(), block=False)
+    fa.change(trajectory=StreamPose("replaced"), controller=CartesianImpedance(600, 50))
+    with fa.publisher("replaced") as publisher:
+        publisher.publish(proto.JointPositionSensorMessage(joints=NEAR))
+        wait_for(fa, lambda: "replaced" in fa.topics() and fa.topics()["replaced"].refused == 1)
+    assert "expected PosePositionSensorMessage" in fa.topics()["replaced"].why_refused
+    fa.stop_skill()
+
+
 def test_a_while_after_the_trajectory_is_after_the_one_that_it_has_now(fa):
     fa.run(MinJerkJoint(NEAR, 0.5), JointImpedance(), Time(after_trajectory=20), block=False)
     wait_for(fa, lambda: fa.get_arm_state().skill_time > 5)
