@@ -506,7 +506,7 @@ def test_a_flood_disturbs_nothing(fa):
                 publisher.publish(message)
             except FrankaArmException:
                 time.sleep(0.01)
-        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01, longest=60)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
     fa.stop_skill()
     assert fa.last_skill_result.ending == proto.STOPPED
 

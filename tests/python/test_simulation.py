@@ -114,7 +114,7 @@ def test_the_programs_of_a_script_that_is_killed_end():
 def test_a_port_that_is_taken_is_told_with_by_whom(sim, monkeypatch):
     port = sim.server.rpartition(":")[2]
     done = subprocess.run(
-        [sys.executable, "-m", "frankapy.cli", "sim", "--port", port], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-m", "frankapy.cli", "sim", "--port", port], capture_output=True, text=True, timeout=300, check=False
     )
     assert done.returncode == 1
     assert f"Port {port} of 127.0.0.1 is taken, by a franka-interface with arm1 at {sim.addresses[0]}" in done.stderr
@@ -140,7 +140,7 @@ def test_an_arm_that_was_left_over_is_told_of(sim):
         assert sim.processes[0] not in left_over_arms()
         port = sim.server.rpartition(":")[2]  # is taken, so that this ends
         done = subprocess.run(
-            [sys.executable, "-m", "frankapy.cli", "sim", "--port", port], capture_output=True, text=True, timeout=60, check=False
+            [sys.executable, "-m", "frankapy.cli", "sim", "--port", port], capture_output=True, text=True, timeout=300, check=False
         )
         assert f"`kill {left}` ends it" in done.stderr
     finally:
