@@ -67,6 +67,7 @@ NIGHTLY = [
     Stage("asan-all", 5400),
     Stage("tsan-all", 5400),
     Stage("fuzz", 2200),
+    Stage("safety", 36000),
     Stage("bench", 36000),
 ]
 
