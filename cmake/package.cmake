@@ -15,8 +15,8 @@ list(APPEND part_headers
   src/realtime/joint_range.hpp src/realtime/model.hpp src/realtime/part.hpp src/realtime/reference.hpp src/realtime/rotation.hpp
   src/realtime/ruckig_planner.hpp src/realtime/sensor_input.hpp src/realtime/slow.hpp src/realtime/soft_ending.hpp
   src/realtime/tick.hpp src/realtime/tool.hpp
-  src/robot/mode.hpp src/server/arm_at_home.hpp src/server/kinds/kind.hpp src/server/part.hpp wire/proto/rules.proto
-  wire/proto/validation.hpp)
+  src/robot/collision_behavior.hpp src/robot/mode.hpp src/server/arm_at_home.hpp src/server/kinds/kind.hpp src/server/part.hpp
+  wire/proto/rules.proto wire/proto/validation.hpp)
 
 # Their hash, in build/generated/server/abi.hpp: a library that was compiled with others is refused.
 file(STRINGS wire/proto/service.proto interface_version REGEX "CURRENT = [0-9]+;")

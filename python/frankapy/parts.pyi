@@ -866,10 +866,10 @@ def Contact(
         cartesian: default True.
         joint: default False.
         force_thresholds: 6 numbers, N, N m, 0 to 125, may be left out. Along and about the axes of O. With one of the two
-            given, the other is 20 N and 25 N m, and 20 20 18 18 16 14 12 N m. With neither, the robot says when: above the
-            lower thresholds of its collision behaviour. Above the upper ones, which the server's configuration may have
-            lowered (arm.collision), it stops with a reflex whatever is given here. Of the observer what is not given is 12
-            N and 5 N m, and 5 5 5 5 3 3 3 N m.
+            given, the other is the lower threshold of the robot's collision behaviour: 20 N and 25 N m, and 20 20 18 18 16
+            14 12 N m, where the server's configuration has no others (arm.collision). With neither, the robot says when:
+            above the lower ones. At most the upper ones, above which it stops with a reflex. Of the observer what is not
+            given is 12 N and 5 N m, and 5 5 5 5 3 3 3 N m.
         torque_thresholds: 7 numbers, N m, 0 to 120, may be left out.
         estimate: robot | observer, default robot.
         then: part, may be left out. what the arm does: a kind of endings.proto; not given: it holds. Not within AllOf or

@@ -24,6 +24,7 @@ from frankapy.utils import franka_pose_to_rigid_transform
 _RATE = 1000  # Hz, of the arm
 _ALL = b"1\0"  # the subscription to all of every state
 _NEW = 0.003  # s, of a published state that counts as now
+_BEGIN = 2.0  # s, to wait at most for the first of the states that are asked for
 _SOON = 0.05  # s, between reads for which states are listened to
 _CARTESIAN_MODES = (3, 4)  # of RobotState.motion_generator_mode: pose and velocity
 
@@ -90,6 +91,7 @@ class StateStream:
         if key is not None:
             key.use_for(self._socket)
         self._socket.connect(endpoint)
+        self._socket.poll(int(1000 * min(timeout, _BEGIN)))  # from now on: what is done next is seen
 
     def __iter__(self) -> Iterator[proto.ArmState]:
         while (state := self.receive()) is not None:

@@ -2,6 +2,7 @@
 
 #include "models/arm.hpp"
 #include "realtime/model.hpp"
+#include "robot/collision_behavior.hpp"
 
 namespace realtime {
 
@@ -10,6 +11,8 @@ struct Arm {
   const models::Limits& limits;
   Model& model;  // with the arm's tool, updated for q at rest
   Vector7 q;     // rad
+  // Where the robot stops it: the upper thresholds; the lower ones are what it calls a contact.
+  const fci::SetCollisionBehavior& reflex = robot::kCollisionBehavior;
 };
 
 }  // namespace realtime

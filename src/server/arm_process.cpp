@@ -221,7 +221,8 @@ class ArmProcess {
     const ArmModel chosen = choose_model(driver.version(), driver.robot_model(), config_.model);
     const models::Limits limits = scaled_limits(chosen, driver.version(), config_);
     realtime::Model model(chosen.urdf);
-    auto builder = std::make_shared<SkillBuilder>(std::make_unique<realtime::Model>(chosen.urdf), limits);
+    auto builder = std::make_shared<SkillBuilder>(std::make_unique<realtime::Model>(chosen.urdf), limits,
+                                                  config_.settings.collision_behavior.value_or(robot::kCollisionBehavior));
 
     realtime::Loop loop(driver, model, limits, {config_.hold_time, config_.settings, {options_.allocations, &part_record().in_loop}},
                         door_);

@@ -1,11 +1,14 @@
 #include "server/plugins.hpp"
 
 #include <dlfcn.h>
+#include <poll.h>
+#include <signal.h>
 #include <spdlog/fmt/fmt.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
@@ -15,6 +18,8 @@
 
 namespace server {
 namespace {
+
+constexpr std::chrono::seconds kLoadTime{20};  // for all of them
 
 template <class Function>
 Function* symbol(void* library, const std::string& path, const char* name) {
@@ -92,7 +97,15 @@ void try_parts(const std::vector<std::string>& paths) {
   close(said[1]);
   std::string text;
   char bytes[4096];
-  for (ssize_t size; (size = read(said[0], bytes, sizeof bytes)) > 0;) text.append(bytes, size);
+  const auto deadline = std::chrono::steady_clock::now() + kLoadTime;
+  bool in_time = true;
+  for (ssize_t size = 1; size > 0 && in_time;) {
+    pollfd ready{said[0], POLLIN, 0};
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
+    in_time = left.count() > 0 && poll(&ready, 1, static_cast<int>(left.count())) > 0;
+    if (in_time && (size = read(said[0], bytes, sizeof bytes)) > 0) text.append(bytes, size);
+  }
+  if (!in_time) kill(child, SIGKILL);
   close(said[0]);
   int status = 0;
   waitpid(child, &status, 0);
@@ -101,6 +114,10 @@ void try_parts(const std::vector<std::string>& paths) {
   const auto end = text.rfind("\1\n");
   const auto begin = text.rfind('\n', end - 1) == std::string::npos || end == 0 ? 0 : text.rfind('\n', end - 1) + 1;
   const int signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+  if (!in_time) {
+    throw PluginError(fmt::format("{}: has not come to an end of being loaded after {} s", text.substr(begin, end - begin),
+                                  kLoadTime.count()));
+  }
   throw PluginError(fmt::format("{}: ends the process that loads it ({}){}{}", text.substr(begin, end - begin),
                                 signal != 0 ? fmt::format("signal {}, {}", signal, strsignal(signal)) : "it exits",
                                 end + 2 < text.size() ? ": " : "", in_one_line(text.substr(end + 2))));

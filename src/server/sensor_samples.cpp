@@ -22,13 +22,13 @@ using realtime::SensorSample;
 constexpr int kMostOfChunk = 200;
 
 bool is_number(const FieldDescriptor* field) {
-  switch (field->cpp_type()) {
-    case FieldDescriptor::CPPTYPE_DOUBLE:
-    case FieldDescriptor::CPPTYPE_FLOAT:
-    case FieldDescriptor::CPPTYPE_INT32:
-    case FieldDescriptor::CPPTYPE_BOOL: return true;
-    default: return false;
-  }
+  return field->cpp_type() != FieldDescriptor::CPPTYPE_STRING && field->cpp_type() != FieldDescriptor::CPPTYPE_MESSAGE;
+}
+
+double number(const Message& message, const FieldDescriptor* field, int i) {
+  if (field->cpp_type() != FieldDescriptor::CPPTYPE_ENUM) return wire::number(message, field, i);
+  const auto& get = *message.GetReflection();
+  return field->is_repeated() ? get.GetRepeatedEnumValue(message, field, i) : get.GetEnumValue(message, field);
 }
 
 SensorSample flattened(const Message& message) {
@@ -46,7 +46,7 @@ SensorSample flattened(const Message& message) {
     if (at + static_cast<std::size_t>(size) > SensorSample::kMost) {
       throw wire::Invalid(fmt::format("{} has more than {} numbers", descriptor->name(), SensorSample::kMost));
     }
-    for (int i = 0; i < given; ++i) sample.values[at + static_cast<std::size_t>(i)] = wire::number(message, field, i);
+    for (int i = 0; i < given; ++i) sample.values[at + static_cast<std::size_t>(i)] = number(message, field, i);
     at += static_cast<std::size_t>(size);
   }
   return sample;

@@ -196,8 +196,9 @@ proto::RobotController name_of(const robot::Mode& mode) {
   return found->name;
 }
 
-SkillBuilder::SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits)
-    : model_(std::move(model)), limits_of_loop_(limits), limits_(limits), limiter_(std::make_unique<realtime::Limiter>(limits)) {}
+SkillBuilder::SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits,
+                           const fci::SetCollisionBehavior& reflex)
+    : model_(std::move(model)), reflex_(reflex), limits_of_loop_(limits), limits_(limits), limiter_(std::make_unique<realtime::Limiter>(limits)) {}
 
 std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message, const realtime::Record& now,
                                                      const Before& before, MadeAt& made_at) {
@@ -205,7 +206,7 @@ std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message
   realtime::carry(now.state, *model_);
   const auto arm_at = [this](const Vector7& q) {
     model_->update(q, Vector7::Zero());
-    return realtime::Arm{limits_, *model_, q};
+    return realtime::Arm{limits_, *model_, q, reflex_};
   };
   const Vector7 q = joints_at_start(now, before);
   const bool has_begun = made_at.trajectory.has_value();

@@ -10,6 +10,7 @@
 #include "realtime/door.hpp"
 #include "realtime/limiter.hpp"
 #include "realtime/model.hpp"
+#include "robot/collision_behavior.hpp"
 #include "server/path_pace.hpp"
 
 namespace server {
@@ -32,8 +33,9 @@ struct MadeAt {
 // refused here, before anything moves.
 class SkillBuilder {
  public:
-  // `model` is this room's own. Limits as the loop has them.
-  SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits);
+  // `model` is this room's own. Limits as the loop has them; `reflex`: the thresholds of the robot.
+  SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits,
+               const fci::SetCollisionBehavior& reflex = robot::kCollisionBehavior);
 
   // `now`: the newest record, from where the skill will start, unless `before` says otherwise. `made_at`: of the parts that a skill
   // which is changed keeps; those of the others are put there. The way of a trajectory that has not begun yet is checked. Throws
@@ -90,6 +92,7 @@ class SkillBuilder {
   std::unique_ptr<const realtime::Walls> walls_;
   const WallStore* wall_names_ = nullptr;
   std::unique_ptr<realtime::Model> model_;
+  fci::SetCollisionBehavior reflex_;
   models::Limits limits_of_loop_, limits_;
   std::unique_ptr<realtime::Limiter> limiter_;  // of no motion: it judges places of a path
 };

@@ -68,6 +68,17 @@ TEST_F(Terminations, time_after_the_trajectory_counts_from_its_end_wherever_that
   }
 }
 
+TEST_F(Terminations, all_of_them_end_as_softly_as_a_contact_among_them) {
+  const auto all = [](bool contact) {
+    realtime::Terminations parts;
+    parts.push_back(std::make_unique<Time>(Time::Parameters{1, {}}));
+    if (contact) parts.push_back(std::make_unique<realtime::Contact>(realtime::Contact::Parameters{true, true, {}, {}}));
+    return realtime::AllOf(std::move(parts));
+  };
+  EXPECT_NE(all(true).then(), nullptr);
+  EXPECT_EQ(all(false).then(), nullptr);
+}
+
 TEST_F(Terminations, what_a_sensor_says_is_not_lost_among_other_messages) {
   realtime::SensorSays says("topic");
   const auto input = says.sensor_inputs().at(0);

@@ -90,6 +90,13 @@ message BadTrajectory {
 message BadTermination {
   optional BadPart.What what = 1 [default = NOTHING];
 }
+message Hint {
+  optional string note = 1;
+  optional sint64 count = 2;
+  optional BadPart.What what = 3;
+  optional uint32 unused = 4;
+  repeated double q = 5 [(frankapy.proto.rule) = {size: 3}];
+}
 """
 BAD_CPP = """
 #include <cmath>
@@ -172,10 +179,15 @@ class Ends : public Termination {
   Ends(const bad_part::BadTermination& message, const Arm&) : what_(message.what()) {}
   bool step(const Cycle& cycle, const Progress&) noexcept override {
     if (cycle.time > 0.1) misbehave(what_);
-    return false;
+    SensorSample hint;
+    if (!input_->newest(hint)) return false;
+    const auto& of = hint.values;
+    return of[0] == -41 && of[1] == BadPart::LATE && std::isnan(of[2]) && of[3] == 1 && of[4] == 2 && of[5] == 3;
   }
+  std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
 
  private:
+  const std::shared_ptr<SensorInput> input_ = std::make_shared<SensorInput>("hints", std::vector<std::string>{"bad_part.Hint"});
   BadPart::What what_;
 };
 
@@ -271,6 +283,10 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path, capsys):
 
 def test_a_part_is_built_against_the_installed_package_and_runs_in_the_installed_server(build_folder, monkeypatch):
     run("cmake", "--install", REPOSITORY / "build", "--prefix", build_folder / "prefix")
+    headers = build_folder / "prefix" / "include" / "franka-interface"
+    for header in headers.rglob("*.hpp"):
+        for included in re.findall(r'^#include "(.+)"', header.read_text(), re.MULTILINE):
+            assert any((folder / included).exists() for folder in (headers, headers / "src")), f"{header} includes {included}"
     assert cli.main(["new", "termination", "mine", "--folder", str(build_folder / "mine")]) == 0
     programs = build_folder / "prefix" / "bin"
     (programs / "fci-sim").symlink_to(program("fci-sim"))
@@ -440,6 +456,12 @@ def test_a_library_that_crashes_when_it_is_loaded_is_refused(tmp_path):
     assert f"{library}: ends the process that loads it (signal 4, Illegal instruction)" in refused(library)
 
 
+@pytest.mark.nightly
+def test_a_library_that_does_not_come_to_an_end_of_being_loaded_is_refused(tmp_path):
+    library = compile_library(tmp_path, "__attribute__((constructor)) void begin() { for (volatile int i = 0;; i = i + 1) {} }\n")
+    assert f"{library}: has not come to an end of being loaded after 20 s" in refused(library)
+
+
 def test_a_kind_that_is_there_already_is_refused(bad, tmp_path):
     library = bad / "libbad_part.so"
     assert f"{library}: the kind bad_part.BadTrajectory is there already" in refused(library, library)
@@ -545,6 +567,19 @@ def test_a_termination_of_ones_own_may_be_one_of_any(messages, two_arms):
     with FrankaArm(server=two_arms.server) as fa:
         fa.wait_for_franka_interface()
         assert fa.run(StayJoint(1), JointImpedance(), AnyOf(messages.BadTermination(), Time(0.2))).termination == "Time"
+
+
+def test_a_part_of_ones_own_gets_messages_of_ones_own(messages, two_arms):
+    with FrankaArm(server=two_arms.server) as fa, fa.publisher("hints") as publisher:
+        fa.wait_for_franka_interface()
+        fa.run(StayJoint(1), JointImpedance(), messages.BadTermination(), block=False)
+        fa.wait_for(lambda state: state.phase == proto.RUNNING, 60)
+        publisher.publish(messages.Hint(note="nothing to see", count=-41, what="LATE", q=[1, 2, 4]))
+        publisher.publish(messages.Hint(note="here", count=-41, what="LATE", q=[1, 2, 3]))
+        fa.wait_for_skill()
+        assert fa.last_skill_result.termination == "bad_part.BadTermination"
+        with pytest.raises(FrankaArmArgumentError, match="q has 2 elements: expected 3"):
+            publisher.publish(messages.Hint(q=[1, 2]))
 
 
 ENDS = {

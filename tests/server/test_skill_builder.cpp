@@ -51,6 +51,20 @@ TEST_F(SkillBuilderTest, BuildsWhatFits) {
   EXPECT_EQ(pose->settings.cartesian_impedance->K_x[5], 50);
 }
 
+TEST_F(SkillBuilderTest, ThresholdsOfAContactAreBelowTheReflexThatTheLabHasSet) {
+  fci::SetCollisionBehavior lowered = robot::kCollisionBehavior;
+  lowered.upper_force_thresholds_nominal.fill(25);
+  builder_ = SkillBuilder(fr3_model(), fr3_limits(), lowered);
+  auto skill = skill_of(joint_motion(), proto::JointImpedance());
+  proto::Contact contact;
+  for (int i = 0; i < 6; ++i) contact.add_force_thresholds(20);
+  skill.add_terminations()->PackFrom(contact);
+  EXPECT_EQ(error_of(skill), "no error");
+  contact.set_force_thresholds(2, 30);
+  skill.mutable_terminations(0)->PackFrom(contact);
+  EXPECT_EQ(error_of(skill), "Contact: force_thresholds[2] is 30, and should lie within 0 and 25 N");
+}
+
 TEST_F(SkillBuilderTest, APostureIsOneThatTheArmCanTakeWhereItCan) {
   proto::CartesianImpedance controller;
   for (int i = 0; i < 7; ++i) controller.add_posture(models::kHome[i] + (i == 2 ? 0.5 : 0));

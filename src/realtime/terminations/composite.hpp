@@ -48,10 +48,16 @@ class AnyOf : public Composite {
   bool step(const Cycle& cycle, const Progress& progress) noexcept override { return count(cycle, progress) > 0; }
 };
 
-// Ends when all of them would, in the same cycle.
+// Ends when all of them would, in the same cycle; as softly as one of them does.
 class AllOf : public Composite {
  public:
   using Composite::Composite;
+  SoftEnding* then() noexcept override {
+    for (const auto& part : parts_) {
+      if (SoftEnding* then = part->then()) return then;
+    }
+    return nullptr;
+  }
   bool step(const Cycle& cycle, const Progress& progress) noexcept override {
     return count(cycle, progress) == parts_.size();
   }

@@ -12,7 +12,7 @@ namespace {
 
 template <class Vector, class Array>
 Vector thresholds(const char* field, const std::optional<Vector>& given, const Vector& otherwise, const Array& upper) {
-  if (!given) return otherwise;
+  if (!given) return otherwise.cwiseMin(Vector::Map(upper.data()));
   for (Eigen::Index i = 0; i < given->size(); ++i) {
     require_within(field, static_cast<int>(i), (*given)[i], 0, upper[static_cast<std::size_t>(i)],
                    given->size() == 6 && i < 3 ? "N" : "N m");
@@ -29,20 +29,20 @@ bool touches(const std::optional<Vector>& thresholds, const Vector& estimate, co
 
 }  // namespace
 
-Contact::Contact(const Parameters& parameters, SoftEnding then) : parameters_(parameters), then_(std::move(then)) {
+Contact::Contact(const Parameters& parameters, SoftEnding then, const fci::SetCollisionBehavior& reflex)
+    : parameters_(parameters), then_(std::move(then)) {
   if (!parameters.cartesian && !parameters.joint) {
     throw std::invalid_argument("cartesian and joint are both false: it would look at nothing");
   }
   const bool observed = parameters.estimate == Estimate::kObserver;
   if (!observed && !parameters.force_thresholds && !parameters.torque_thresholds) return;
-  const auto& published = robot::kCollisionBehavior;
-  const Vector6 force = observed ? MomentumObserver::kForceThresholds : Vector6::Map(published.lower_force_thresholds_nominal.data());
+  const Vector6 force = observed ? MomentumObserver::kForceThresholds : Vector6::Map(reflex.lower_force_thresholds_nominal.data());
   const Vector7 torque =
-      observed ? MomentumObserver::kTorqueThresholds : Vector7::Map(published.lower_torque_thresholds_nominal.data());
+      observed ? MomentumObserver::kTorqueThresholds : Vector7::Map(reflex.lower_torque_thresholds_nominal.data());
   parameters_.force_thresholds =
-      thresholds("force_thresholds", parameters.force_thresholds, force, published.upper_force_thresholds_nominal);
+      thresholds("force_thresholds", parameters.force_thresholds, force, reflex.upper_force_thresholds_nominal);
   parameters_.torque_thresholds =
-      thresholds("torque_thresholds", parameters.torque_thresholds, torque, published.upper_torque_thresholds_nominal);
+      thresholds("torque_thresholds", parameters.torque_thresholds, torque, reflex.upper_torque_thresholds_nominal);
 }
 
 bool Contact::step(const Cycle& cycle, const Progress& progress) noexcept {

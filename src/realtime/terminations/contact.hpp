@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "realtime/terminations/termination.hpp"
+#include "robot/collision_behavior.hpp"
 
 namespace realtime {
 
@@ -17,15 +18,16 @@ class Contact : public Termination {
 
   struct Parameters {
     bool cartesian, joint;  // what is looked at: at least one of the two
-    // With one given, the other is the lower one of robot::kCollisionBehavior; at most its upper ones. Of the observer what is not
-    // given is MomentumObserver's.
+    // With one given, the other is the lower one of `reflex`, the thresholds of the robot; at most its upper ones. Of the observer
+    // what is not given is MomentumObserver's.
     std::optional<Vector6> force_thresholds;   // N, N m; >= 0
     std::optional<Vector7> torque_thresholds;  // N m; >= 0
     Estimate estimate = Estimate::kRobot;
   };
 
   // Throws std::invalid_argument naming field, value and bound, or when neither is looked at.
-  explicit Contact(const Parameters& parameters, SoftEnding then = {});
+  explicit Contact(const Parameters& parameters, SoftEnding then = {},
+                   const fci::SetCollisionBehavior& reflex = robot::kCollisionBehavior);
 
   SoftEnding* then() noexcept override { return &then_; }
   bool step(const Cycle& cycle, const Progress& progress) noexcept override;

@@ -70,7 +70,7 @@ std::vector<Kind<realtime::Termination>>& terminations() {
         using Estimate = realtime::Contact::Estimate;
         return new realtime::Contact({m.cartesian(), m.joint(), given<6>(m.force_thresholds()), given<7>(m.torque_thresholds()),
                                       m.estimate() == proto::Contact::OBSERVER ? Estimate::kObserver : Estimate::kRobot},
-                                     std::move(then));
+                                     std::move(then), arm.reflex);
       }),
       termination<proto::ForceAbove>([](const auto& m, const auto&) {
         return wrench_above(realtime::WrenchAbove::Part::kForce, m);
