@@ -443,8 +443,9 @@ void Loop::send_command() noexcept {
 
 // The first that ends the skill, of those that look for a contact or of the others; -1: none.
 int Loop::ask_terminations(bool of_contact) noexcept {
-  const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_,
-                          trajectory_began_ + path_.lasts(skill_->trajectory->duration()) + slowed_, observer_.tau_ext(), observer_.O_F_ext_K()};
+  const double planned = trajectory_began_ + path_.lasts(skill_->trajectory->duration()) + slowed_;
+  const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_, planned, observer_.tau_ext(),
+                          observer_.O_F_ext_K()};
   int termination = -1;
   for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
     if ((skill_->terminations[i]->then() != nullptr) != of_contact) continue;

@@ -27,8 +27,9 @@ struct PartFault {
 //
 // A step may take kBudget. Wall time is measured always; it blames nobody, since the kernel may have let the thread wait.
 // A part that exceeds it has its next kWindow steps measured by the thread's processor time as well (which is a system
-// call), unless it is the part that lets the thread wait: it is at fault when kMostLong of them take longer than the budget, or kMostVeryLong longer than kVeryLong. One
-// long step alone is no fault: interrupts and a stalled virtual machine are charged to whom they interrupt.
+// call), unless it is the part that lets the thread wait: it is at fault when kMostLong of them take longer than the budget,
+// or kMostVeryLong longer than kVeryLong. One long step alone is no fault: interrupts and a stalled virtual machine are
+// charged to whom they interrupt.
 class PartWatch {
  public:
   static constexpr std::int64_t kBudget = 300'000, kVeryLong = 1'000'000;  // ns

@@ -42,7 +42,8 @@ std::unique_ptr<Base> make(const std::vector<Kind<Base>>& kinds, const std::stri
     } catch (const std::exception& error) {
       throw Refused(proto::Error::INVALID_ARGUMENT, name + ": " + error.what());
     } catch (...) {  // a part of somebody's own may throw anything
-      throw Refused(proto::Error::INVALID_ARGUMENT, name + " threw what is no std::exception as it was made: its constructor may throw std::invalid_argument");
+      throw Refused(proto::Error::INVALID_ARGUMENT,
+                    name + " threw what is no std::exception as it was made: its constructor may throw std::invalid_argument");
     }
   }
   throw Refused(proto::Error::INVALID_ARGUMENT,

@@ -198,7 +198,11 @@ proto::RobotController name_of(const robot::Mode& mode) {
 
 SkillBuilder::SkillBuilder(std::unique_ptr<realtime::Model> model, const models::Limits& limits,
                            const fci::SetCollisionBehavior& reflex)
-    : model_(std::move(model)), reflex_(reflex), limits_of_loop_(limits), limits_(limits), limiter_(std::make_unique<realtime::Limiter>(limits)) {}
+    : model_(std::move(model)),
+      reflex_(reflex),
+      limits_of_loop_(limits),
+      limits_(limits),
+      limiter_(std::make_unique<realtime::Limiter>(limits)) {}
 
 std::unique_ptr<realtime::Skill> SkillBuilder::build(const proto::Skill& message, const realtime::Record& now,
                                                      const Before& before, MadeAt& made_at) {

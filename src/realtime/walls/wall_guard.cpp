@@ -29,7 +29,7 @@ constexpr double kBrake = 4;           // m/s² that braking counts on: 0.5 m/s 
 constexpr double kSettle = 25;         // 1/s, at which the last of the way is gone, where that is slower
 constexpr double kLast = kBrake / (2 * kSettle * kSettle);  // m, that so become more
 constexpr double kApproach = 60;       // 1/s, at which a capsule may come near to its greatest speed, and falls back to it
-constexpr double kDeep = 0.02;         // m, from where on the spring grows no more; an arm that is found farther inside was not pushed there
+constexpr double kDeep = 0.02;         // m, from where on the spring grows no more: an arm that is farther inside was not pushed there
 constexpr double kAway = 0.1;          // m/s, at which an arm that yields to the spring is pushed no more
 constexpr double kRise = 0.2;          // s, in which the spring of a wall that has come rises
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done, but on the last of the way
@@ -76,8 +76,9 @@ Walls* WallGuard::change(Walls* walls) noexcept {
   for (std::size_t k = 0; walls != nullptr && k < walls->walls.size(); ++k) {
     const Wall& wall = walls->walls[k];
     reach_[k] = reach(wall.shape);
-    const auto* const same = std::find_if(before.begin(), before.begin() + count, [&](const Known& each) { return each.id == wall.id; });
-    known_[k] = same != before.begin() + count ? *same : Known{wall.id};
+    const auto* const end = before.data() + count;
+    const auto* const same = std::find_if(before.data(), end, [&](const Known& each) { return each.id == wall.id; });
+    known_[k] = same != end ? *same : Known{wall.id};
   }
   return std::exchange(walls_, walls);
 }
