@@ -62,8 +62,8 @@ def test_joints_that_are_published_are_gone_to(fa, controller):
     with fa.publisher("goal") as publisher:
         publisher.publish(proto.JointPositionSensorMessage(id=1, timestamp=0, joints=NEAR))
         wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
-        publisher.publish(proto.JointPositionVelocitySensorMessage(joints=HOME, joint_vels=[0] * 7))
-        wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() < 0.01)
+        back = proto.JointPositionVelocitySensorMessage(joints=HOME, joint_vels=[0] * 7)
+        wait_for(fa, lambda: publisher.publish(back) or np.abs(fa.get_joints() - HOME).max() < 0.01)
     fa.stop_skill()
     assert fa.last_skill_result.ending == proto.STOPPED
 
@@ -100,8 +100,8 @@ def test_a_stream_and_a_chunk_move_the_arm_until_a_message_ends_it(fa):
             publisher.publish(proto.JointPositionSensorMessage(joints=HOME + 0.1 * np.sin(0.4 * i)))
             time.sleep(0.01)
         wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 0.01)
-        publisher.publish(proto.JointChunk(times=[0.05, 0.1, 0.15], joints=np.tile(NEAR, 3)))
-        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        chunk = proto.JointChunk(times=[0.05, 0.1, 0.15], joints=np.tile(NEAR, 3))
+        wait_for(fa, lambda: publisher.publish(chunk) or np.abs(fa.get_joints() - NEAR).max() < 0.01)
         end.publish(END)
         fa.wait_for_skill()
     assert fa.last_skill_result.ending == proto.TERMINATED
@@ -111,8 +111,8 @@ def test_a_stream_and_a_chunk_move_the_arm_until_a_message_ends_it(fa):
 def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
     with fa.publisher(FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC) as publisher:
         fa.goto_joints(HOME, dynamic=True, buffer_time=1000)
-        publisher.publish(proto.JointPositionSensorMessage(joints=NEAR))
-        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+        near = proto.JointPositionSensorMessage(joints=NEAR)
+        wait_for(fa, lambda: publisher.publish(near) or np.abs(fa.get_joints() - NEAR).max() < 0.01)
         publisher.publish(END)
         fa.wait_for_skill()
         assert fa.last_skill_result.termination == "SensorSays"
@@ -120,8 +120,8 @@ def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
         pose = fa.get_pose()
         fa.goto_pose(pose, dynamic=True, buffer_time=1000)
         target = pose.translation + [0, 0, 0.05]
-        publisher.publish(proto.PosePositionSensorMessage(position=target, quaternion=pose.quaternion))
-        wait_for(fa, lambda: np.abs(fa.get_pose().translation - target).max() < 0.005)
+        there = proto.PosePositionSensorMessage(position=target, quaternion=pose.quaternion)
+        wait_for(fa, lambda: publisher.publish(there) or np.abs(fa.get_pose().translation - target).max() < 0.005)
         fa.stop_skill()
 
         fa.execute_joint_velocities([0] * 7, [0] * 7, dynamic=True, buffer_time=1000)
@@ -181,12 +181,12 @@ def test_poses_forces_and_gains_that_are_published_are_followed(fa):
         pose = fa.get_pose(include_tool_offset=False)
         fa.run_dynamic_force_position(1000, position_kps_cart=[1500] * 3 + [100] * 3)
         pose.translation = pose.translation + [0.04, 0, 0]
-        publisher.publish(message(pose))
-        wait_for(fa, lambda: np.abs(fa.get_pose(include_tool_offset=False).translation - pose.translation).max() < 0.005)
+        there = message(pose)
+        wait_for(fa, lambda: publisher.publish(there) or np.abs(fa.get_pose(include_tool_offset=False).translation - pose.translation).max() < 0.005)
         up = pose.translation[2]
         publisher.publish(proto.ForcePositionControllerSensorMessage(selection=[1, 1, 0, 1, 1, 1]))
-        publisher.publish(message(pose, [0, 0, 5, 0, 0, 0]))
-        wait_for(fa, lambda: fa.get_pose(include_tool_offset=False).translation[2] > up + 0.02)  # there is nothing to push
+        pressed = message(pose, [0, 0, 5, 0, 0, 0])
+        wait_for(fa, lambda: publisher.publish(pressed) or fa.get_pose(include_tool_offset=False).translation[2] > up + 0.02)  # there is nothing to push
         publisher.publish(END)
         fa.wait_for_skill()
     assert fa.last_skill_result.termination == "SensorSays"
@@ -516,8 +516,9 @@ def test_a_slow_skill_stops_as_soon_when_its_stream_ceases(ideal_arm, fa):
         fa.run(StreamJointVelocity("slow", timeout=0.5), InternalImpedance(), Never(), speed=0.1, block=False)
         wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
         with ideal_arm.standing_still():
-            publisher.publish(proto.JointVelocitySensorMessage(joint_velocities=[0, 0, 0, 0, 0, 0, 0.5]))
-            wait_for(fa, lambda: fa.topics()["slow"].received >= 1)
+            turn = proto.JointVelocitySensorMessage(joint_velocities=[0, 0, 0, 0, 0, 0, 0.5])
+            # One that was held up for as long as the timeout is stale.
+            wait_for(fa, lambda: publisher.publish(turn) or fa.topics()["slow"].received > fa.topics()["slow"].stale)
             ideal_arm.simulation.step(300)
             wait_for(fa, lambda: fa.get_arm_state().robot.dq_d[6] > 1e-3)
             ideal_arm.simulation.step(2700)  # and not 5 s
