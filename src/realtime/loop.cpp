@@ -373,9 +373,7 @@ void Loop::generate_reference() noexcept {
 // has fallen behind the reference, as something holds it.
 void Loop::pace_path() noexcept {
   // What comes as it goes along has a clock of its own.
-  const double duration = skill_->trajectory->duration();
-  const bool planned = duration > 0 && std::isfinite(duration);
-  const double behind = held_back_ && planned ? lag(wanted_, reference_) : 0;
+  const double behind = held_back_ && skill_->trajectory->has_end() ? lag(wanted_, reference_) : 0;
   const bool ours = robot_->takes_torque() && !robot_->has_reference() && holder_->controller->leads();
   const double held = ours ? std::max((gate_.away(cycle_) - kLagging) / (kHeld - kLagging), 0.) : 0;
   path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
@@ -592,10 +590,9 @@ bool Loop::follows_failure(const Skill& skill) const noexcept { return skill.aft
 bool Loop::next_waits() const noexcept {
   if (next_->start_ns > driver_.received_ns()) return true;
   if (next_->after == 0 || skill_ == nullptr) return false;
-  const double duration = skill_->trajectory->duration();
-  const bool has_end = duration > 0 && std::isfinite(duration);
-  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) && has_end &&
-                      path_.lasts(duration - path_.time()) <= next_->blend;
+  const TrajectoryGenerator& trajectory = *skill_->trajectory;
+  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) && trajectory.has_end() &&
+                      path_.lasts(trajectory.duration() - path_.time()) <= next_->blend;
   return !blends;
 }
 
@@ -637,12 +634,17 @@ void Loop::start_skill() noexcept {
   after_contact_ = AfterContact::kNoContact;
   cycle_.time = 0;
   watch_.reset();
-  if (reference_.motion == Channels::kJoint) gate_.place(reference_.joint.q);
-  cycle_.q_ref = gate_.joints().q;
+  place_joints();
   start_controller(!robot_->has_reference());
   gate_.reset(reference_);
   start_trajectory(speed_before);
   start_terminations();
+}
+
+// Those that the reference means.
+void Loop::place_joints() noexcept {
+  if (reference_.motion == Channels::kJoint) gate_.place(reference_.joint.q);
+  cycle_.q_ref = gate_.joints().q;
 }
 
 // Torque stays as it was: a reference that is ours alone is moved, one of the robot's cannot be; what difference is left
@@ -679,8 +681,7 @@ void Loop::change_parts() noexcept {
     const bool moves_on = was_led || reference_.motion != motion_of(trajectory.fills());
     if (moves_on) {
       change_motion(motion_of(trajectory.fills()));
-      if (reference_.motion == Channels::kJoint) gate_.place(reference_.joint.q);
-      cycle_.q_ref = gate_.joints().q;
+      place_joints();
     }
     if (change->controller) {
       std::swap(skill_->controller, change->controller);

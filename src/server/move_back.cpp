@@ -51,7 +51,7 @@ void Skills::begin_own(Build& build, std::function<void(const std::string&)> don
   auto skill = std::move(build.skill);
   const std::uint64_t id = skill->id = build.skill_id;
   publisher_.describe(id, build.message);
-  Running running{build.from, {}, skill->trajectory->goal(), std::move(build.message), skill->mode, skill->settings, false,
+  Running running{build.from, skill->trajectory->goal(), std::move(build.message), skill->mode, skill->settings, false,
                   build.made_at, {}};
   running.done = std::move(done);
   running_.emplace(id, std::move(running));

@@ -324,7 +324,7 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
                          kind, i + 1, q, place(sample), limits_.q_min[i], limits_.q_max[i]));
     }
   }
-  if (!(duration > 0 && std::isfinite(duration))) return;
+  if (!trajectory->has_end()) return;
   // Joints within their own limits may move EE faster than the robot allows: then they are slowed down there.
   SampledWay way{duration, {}, {}};
   const int samples = samples_of(duration, length);
@@ -378,7 +378,7 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
     pass(reference);
   }
   pass(trajectory->goal());
-  if (!(duration > 0 && std::isfinite(duration))) return;
+  if (!trajectory->has_end()) return;
   // Every pose of it is reached by some joints; now those with which the arm goes from one to the next. The elbow gives way in the
   // time that it has, so that a way which gets another pace is gone along once more.
   const int samples = samples_of(duration, length);

@@ -21,12 +21,6 @@ namespace {
 constexpr std::size_t kMaxResults = 256;  // remembered
 constexpr std::size_t kMaxQueue = 256;
 
-std::vector<std::string> kinds_of(const proto::Skill& skill) {
-  std::vector<std::string> kinds;
-  for (const auto& any : skill.terminations()) kinds.push_back(kind_of(any));
-  return kinds;
-}
-
 SensorHub::Inputs inputs_of(const std::vector<std::unique_ptr<realtime::Termination>>& terminations) {
   SensorHub::Inputs all;
   for (const auto& termination : terminations) {
@@ -151,8 +145,8 @@ void Skills::begin(Build& build) {
   proto::SkillEvent event;
   event.mutable_started()->Swap(&build.message);
   note(event, id, from);
-  Running running{from, kinds_of(event.started()), skill->trajectory->goal(), std::move(*event.mutable_started()), skill->mode,
-                  skill->settings, !skill->controller->tracks(), build.made_at, listening};
+  Running running{from, skill->trajectory->goal(), std::move(*event.mutable_started()), skill->mode, skill->settings,
+                  !skill->controller->tracks(), build.made_at, listening};
   if (!found.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
   sensors_.bind(id, listening.all(), found.queued, publishers);
@@ -256,7 +250,7 @@ void Skills::tell_checked(Build& build) {
   const realtime::Skill& skill = *build.skill;
   proto::Reply reply;
   auto& checked = *reply.mutable_skill_checked();
-  if (const double duration = skill.trajectory->duration(); duration > 0 && std::isfinite(duration)) checked.set_duration(duration / skill.speed);
+  if (skill.trajectory->has_end()) checked.set_duration(skill.trajectory->duration() / skill.speed);
   checked.set_stretch(skill.trajectory->stretch());
   checked.set_robot_controller(name_of(skill.mode));
   answers_.send(build.from, reply);
@@ -300,7 +294,6 @@ void Skills::take_changes() {
     }
     if (const auto running = running_.find(changing.skill); running != running_.end()) {
       running->second.message = changing.message;
-      running->second.terminations = kinds_of(changing.message);
       running->second.goal = changing.goal;
       running->second.lets_go = changing.lets_go;
       running->second.made_at = changing.made_at;
@@ -370,9 +363,9 @@ void Skills::end(const realtime::SkillResult& result) {
   proto::Reply reply;
   auto& out = *reply.mutable_skill_result();
   convert(result, out);
-  const auto& terminations = running->second.terminations;
-  if (result.termination >= 0 && result.termination < static_cast<int>(terminations.size())) {
-    out.set_termination(terminations[result.termination]);
+  const auto& terminations = running->second.message.terminations();
+  if (result.termination >= 0 && result.termination < terminations.size()) {
+    out.set_termination(kind_of(terminations[result.termination]));
     out.set_termination_index(result.termination);
   }
   if (result.wall != 0) out.set_wall(arm_.wall_name(result.wall));

@@ -70,7 +70,6 @@ class Skills {
   };
   struct Running {
     Address starter;
-    std::vector<std::string> terminations;  // kinds
     realtime::Reference goal;               // of its trajectory
     frankapy::proto::Skill message;
     robot::Mode mode;

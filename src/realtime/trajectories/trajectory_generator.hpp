@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cmath>
+
 #include "realtime/cycle.hpp"
 #include "realtime/part.hpp"
 #include "realtime/reference.hpp"
@@ -34,6 +36,12 @@ class TrajectoryGenerator : public Part {
   // Duration after stretching, s, and by what factor (>= 1) it was stretched; known from start() on.
   virtual double duration() const noexcept = 0;
   virtual double stretch() const noexcept = 0;
+
+  // What comes as it goes along, as a stream, has none.
+  bool has_end() const noexcept {
+    const double end = duration();
+    return end > 0 && std::isfinite(end);
+  }
 };
 
 }  // namespace realtime
