@@ -100,7 +100,7 @@ safety: programs $(VENV)/.frankapy ## look for violations of what keeps the arm 
 safety-gate: programs $(VENV)/.frankapy
 	$(VENV)/bin/python tests/safety/campaign.py --gate $(JUNIT)/safety.xml
 
-FUZZERS := client_to_arm arm_to_client control_channel
+FUZZERS := client_to_arm arm_to_client control_channel client_to_server
 fuzz: fuzz-600 ## send mutated bytes to every parser, under sanitizers, for ten minutes each
 
 # The same inputs each time: what is new is found by `make fuzz`.

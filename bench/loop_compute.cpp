@@ -45,6 +45,7 @@
 #include "server/refused.hpp"
 #include "server/registry.hpp"
 #include "server/skill_builder.hpp"
+#include "tests/child.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 
 namespace {
@@ -220,7 +221,7 @@ class Simulator {
     address_ = "127." + byte() + "." + byte() + "." + byte();
     const auto program =
         std::filesystem::read_symlink("/proc/self/exe").parent_path().parent_path() / "bin" / "fci-sim";
-    pid_ = ::fork();
+    pid_ = testing_tools::fork_child();
     if (pid_ == 0) {
       ::dup2(STDERR_FILENO, STDOUT_FILENO);
       ::execl(program.c_str(), "fci-sim", "--robot", "fr3", "--listen", address_.c_str(),

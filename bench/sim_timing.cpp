@@ -19,6 +19,7 @@
 
 #include "bench/fci_client.hpp"
 #include "sim/clock.hpp"
+#include "tests/child.hpp"
 
 namespace {
 
@@ -61,9 +62,8 @@ Datagrams collect(int socket, std::int64_t end) {
 
 // Another process: it has nothing in common with the arm but the computer.
 pid_t start_timer(const sockaddr_in& to) {
-  const pid_t child = ::fork();
+  const pid_t child = testing_tools::fork_child();
   if (child != 0) return child;
-  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
   ::prctl(PR_SET_TIMERSLACK, 1);
   const int socket = ::socket(AF_INET, SOCK_DGRAM, 0);
   ::connect(socket, reinterpret_cast<const sockaddr*>(&to), sizeof to);
@@ -79,9 +79,8 @@ pid_t start_timer(const sockaddr_in& to) {
 }
 
 pid_t start_arm(const std::string& address) {
-  const pid_t child = ::fork();
+  const pid_t child = testing_tools::fork_child();
   if (child != 0) return child;
-  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
   ::dup2(::open("/dev/null", O_WRONLY), 1);
   ::execl(BIN_DIR "/fci-sim", "fci-sim", "--listen", address.c_str(), nullptr);
   ::_exit(127);

@@ -32,6 +32,7 @@
 #include "realtime/trajectories/min_jerk_pose.hpp"
 #include "robot/fci_driver.hpp"
 #include "server/realtime_setup.hpp"
+#include "tests/child.hpp"
 
 namespace {
 
@@ -202,7 +203,7 @@ class Peer {
  public:
   Peer(const std::string& address, int processor) {
     const std::string python = installed();
-    pid_ = ::fork();
+    pid_ = testing_tools::fork_child();
     if (pid_ == 0) {
       server::RealtimeReport report;
       server::prepare_thread(0, processor, true, report);

@@ -25,7 +25,8 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 FOLDER = REPOSITORY / "build" / "stages"
-PR_SET_CHILD_SUBREAPER = 36
+prctl = ctypes.CDLL(None).prctl
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 LAST_LINES = 30
 PROGRESS = 60.0  # s, after which what runs still says how far it is
 
@@ -52,7 +53,7 @@ GATE = [
     Stage("safety-gate", 120, tries=2),
     Stage("asan", 700, tries=2),
     Stage("tsan", 500, tries=2),
-    Stage("fuzz-gate", 200),
+    Stage("fuzz-gate", 300),
     Stage("wall", 120, tries=3),
 ]
 NIGHTLY = [
@@ -166,7 +167,13 @@ def run_make(target: str, log: Path, junit: Path, again: bool, limit: float) -> 
     command = ["make", "--no-print-directory", target, f"JUNIT={junit}", *(["AGAIN=1"] if again else [])]
     with log.open("a" if again else "w") as output:
         process = subprocess.Popen(
-            command, cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+            command,
+            cwd=REPOSITORY,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            preexec_fn=lambda: prctl(PR_SET_PDEATHSIG, signal.SIGTERM),
         )
         start = time.monotonic()
         told = start
@@ -287,7 +294,7 @@ def main() -> int:
     stages = lists[sys.argv[1]]
     if unknown := set(sys.argv[2:]) - {stage.target for stage in stages}:
         sys.exit(f"no such stage: {', '.join(sorted(unknown))}; there are {', '.join(s.target for s in stages)}")
-    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, stopped)
     subprocess.run(["ccache", "--zero-stats"], capture_output=True, check=False) if shutil.which("ccache") else None

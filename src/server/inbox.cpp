@@ -32,7 +32,7 @@ Head head_of(const zmq::message_t& frame) {
         break;
       case 2:
         if (!in.ReadVarint32(&size) || !in.Skip(static_cast<int>(size))) return head;
-        head.call = static_cast<proto::Request::CallCase>(number);  // the last one counts
+        head.call = number;  // the last one counts
         break;
       default: return head;
     }

@@ -16,7 +16,7 @@ namespace server {
 // What the first fields of a request say.
 struct Head {
   std::optional<std::uint64_t> request_id;
-  frankapy::proto::Request::CallCase call = frankapy::proto::Request::CALL_NOT_SET;  // or it cannot be seen so soon
+  int call = frankapy::proto::Request::CALL_NOT_SET;  // number of its field, which need not be one; or it cannot be seen so soon
 };
 
 // A request as it has arrived.

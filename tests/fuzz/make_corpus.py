@@ -1,15 +1,25 @@
 """Write the corpora of the fuzz targets: whole sessions in the versions that differ. `make_corpus.py [FOLDER]`, of .venv."""
 
+import itertools
 import math
 import struct
 import sys
 from pathlib import Path
 
-from frankapy import proto
+import numpy as np
+from google.protobuf.message import Message
+
+from frankapy import RigidTransform, parts, proto
+from frankapy.skill import make_skill
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "python"))
+from part_combinations import CONTROLLERS, GOAL, JOINTS, POSES, SHIFT, fits, parts_of  # noqa: E402
 
 # Steps of client_to_arm.cpp and arm_to_client.cpp.
 ROBOT_TCP, ROBOT_UDP, ROBOT_COMMAND, CYCLES, NEW_ROBOT_CLIENT, GRIPPER_TCP, NEW_GRIPPER_CLIENT = range(7)
 TCP, UDP = range(2)
+# And those of client_to_server.cpp.
+REQUEST, REQUEST_OF_ANOTHER, SENSOR, TENS_OF_CYCLES = range(4)
 ROBOT, HAND = b"\0", b"\1"
 
 OLD_IDS = {"collision": 4, "joint": 5, "cartesian": 6, "guiding": 7, "k": 8, "ee": 9, "load": 10, "recovery": 12,
@@ -187,6 +197,130 @@ def to_control() -> dict[str, bytes]:
     return sessions | {"garbage": step(0, b"\xff" * 40) + step(0) + step(0, b"\x0a\x02\x08\x01")}
 
 
+def goal() -> RigidTransform:
+    """Return a pose near the flange's at home."""
+    return RigidTransform(np.diag([1.0, -1, -1]), SHIFT + [0.307, 0, 0.59])
+
+
+def skills() -> dict[str, list[proto.Skill]]:
+    """Each trajectory with two controllers that it fits, and each controller, in turns; what takes thousands of numbers is left out."""
+    out: dict[str, list[proto.Skill]] = {}
+    laws = itertools.cycle(CONTROLLERS)
+    for kind in (*JOINTS, *POSES):
+        if kind.endswith("Samples"):
+            continue
+        found: list[proto.Skill] = []
+        for law in itertools.islice(laws, len(CONTROLLERS)):
+            modes = [mode for mode in proto.RobotController.keys()[1:] if fits(kind, law, mode.lower())]
+            if modes and len(found) < 2:
+                trajectory, controller = parts_of(kind, law, goal())
+                until = [parts.Time(0.3), parts.Contact([20] * 7, [20] * 6)][: 1 + len(found)]
+                found.append(make_skill(trajectory, controller, until, robot_controller=modes[len(found) % len(modes)].lower()))
+        next(laws)
+        out[kind] = found
+    return out
+
+
+def to_server() -> dict[str, bytes]:
+    """What clients ask of an arm's server, and publishers send to it."""
+    numbers = itertools.count(1)
+
+    def ask(what: int = REQUEST, **call: Message) -> bytes:
+        return step(what, proto.Request(request_id=next(numbers), **call).SerializeToString())
+
+    def cycles(tens: int) -> bytes:
+        return step(TENS_OF_CYCLES, bytes([tens]))
+
+    def sensor(topic: str, message: Message, sequence: int) -> bytes:
+        out = proto.SensorMessage(topic=topic, publisher=1, sequence=sequence, sent_ns=sequence * 10**7)
+        out.message.Pack(message)
+        return step(SENSOR, out.SerializeToString())
+
+    start, walls, limits = proto.StartSkill, proto.ChangeWalls, proto.Limits
+    out = {}
+    for kind, (first, second) in skills().items():
+        checked = ask(check_skill=proto.CheckSkill(skill=first))
+        out[kind] = checked + ask(start_skill=start(skill=first)) + cycles(10) + ask(start_skill=start(skill=second, preempt=True))
+        out[kind] += cycles(20)
+
+    first, second = skills()["MinJerkJoint"]
+    change = proto.ChangeSkill(skill_id=1)
+    change.trajectory.Pack(parts.TimeOptimalJoint(GOAL, 0.5))
+    change.terminations.add().Pack(parts.FinalJoint())
+    out["queue"] = (
+        ask(start_skill=start(skill=first))
+        + ask(start_skill=start(skill=second, after=1, blend=0.1))
+        + cycles(5)
+        + ask(change_skill=change)
+        + cycles(60)
+        + ask(skill_status=proto.SkillStatus(skill_id=1))
+        + ask(stop_skill=proto.StopSkill(), what=REQUEST_OF_ANOTHER)
+        + ask(start_skill=start(skill=first), what=REQUEST_OF_ANOTHER)
+        + ask(goodbye=proto.Goodbye())
+        + ask(start_skill=start(skill=first), what=REQUEST_OF_ANOTHER)
+    )
+    for kind, messages in {
+        "StreamJoint": [
+            proto.JointPositionSensorMessage(joints=GOAL),
+            proto.JointChunk(times=[0.01, 0.02], joints=[*GOAL, *GOAL]),
+        ],
+        "StreamPose": [
+            proto.PosePositionSensorMessage(position=goal().translation, quaternion=goal().quaternion),
+            proto.PoseChunk(times=[0.01], positions=goal().translation, quaternions=goal().quaternion),
+        ],
+        "StreamJointVelocity": [proto.JointVelocitySensorMessage(joint_velocities=[0.1] * 7)],
+        "StreamCartesianVelocity": [proto.CartesianVelocitySensorMessage(cartesian_velocities=[0.05, 0, 0, 0, 0, 0.1])],
+        "StreamForcePosition": [
+            proto.ForcePositionSensorMessage(seg_run_time=0.05, pose=goal().matrix.T.ravel(), force=[0, 0, 5, 0, 0, 0])
+        ],
+    }.items():
+        out[f"sensors-{kind}"] = ask(start_skill=start(skill=skills()[kind][0])) + b"".join(
+            sensor("nobody", message, number) + cycles(3) for number, message in enumerate(messages * 3, 1)
+        )
+        out[f"sensors-{kind}"] += sensor("nobody", proto.ShouldTerminateSensorMessage(should_terminate=True), 99) + cycles(10)
+        out[f"sensors-{kind}"] += ask(list_topics=proto.ListTopics())
+
+    box = proto.Wall(name="box", box=proto.Wall.Box(size=[0.1, 0.2, 0.3]), position=[0.6, 0.1, 0.2])
+    corners = [0, 0, 0, 0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1]
+    mesh = proto.Wall.Mesh(corners=corners, triangles=[0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3])
+    shapes = [
+        box,
+        proto.Wall(name="floor", plane=proto.Wall.Plane(), position=[0, 0, -0.1]),
+        proto.Wall(name="ball", sphere=proto.Wall.Sphere(radius=0.05), position=[0.4, 0.3, 0.2]),
+        proto.Wall(name="post", cylinder=proto.Wall.Cylinder(radius=0.05, length=0.8), position=[0.3, 0.4, 0.4]),
+        proto.Wall(name="tool", capsule=proto.Wall.Capsule(radius=0.02, length=0.1), position=[0, 0, 0.15], held=True),
+        proto.Wall(name="wedge", mesh=mesh, position=[0.5, -0.3, 0.1], orientation=[1, 0, 0, 0]),
+    ]
+    out["walls"] = (
+        b"".join(ask(change_walls=walls(put=[shape])) for shape in shapes)
+        + ask(start_skill=start(skill=first))
+        + cycles(20)
+        + ask(change_walls=walls(remove=["ball"], put=[box, proto.Wall(name="near", sphere=proto.Wall.Sphere(radius=0.1), position=[0.4, 0, 0.6])]))
+        + cycles(30)
+        + ask(change_walls=walls())
+    )
+    out["limits"] = (
+        ask(change_limits=proto.ChangeLimits(limits=limits(velocity=0.2, acceleration=0.5, jerk=0.5, torque=0.5)))
+        + ask(start_skill=start(skill=first))
+        + cycles(20)
+        + ask(change_limits=proto.ChangeLimits(limits=limits(tool_speed=0.1, power=10)))
+        + cycles(20)
+        + ask(change_limits=proto.ChangeLimits(reset=True))
+    )
+    out["other"] = (
+        ask(get_state=proto.GetState())
+        + ask(get_server_status=proto.GetServerStatus())
+        + ask(record=proto.Record())
+        + ask(gripper=proto.GripperCommand(move=proto.GripperCommand.Move(width=0.04)))
+        + ask(recover=proto.Recover())
+        + cycles(3)
+        + ask(alive=proto.Alive())
+        + ask(list_arms=proto.ListArms())
+        + ask(hello=proto.Hello(version=proto.CURRENT, client="another"))
+    )
+    return out | {"garbage": step(REQUEST, b"\xff" * 40) + step(REQUEST) + step(SENSOR, b"\x0a\x02\x08\x01")}
+
+
 def main() -> None:
     """Write them all."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "corpus"
@@ -200,9 +334,10 @@ def main() -> None:
         }
         for name, data in (sessions | hand()).items():
             (folder / target / name).write_bytes(data)
-    (folder / "control_channel").mkdir(parents=True, exist_ok=True)
-    for name, data in to_control().items():
-        (folder / "control_channel" / name).write_bytes(data)
+    for target, sessions in {"control_channel": to_control(), "client_to_server": to_server()}.items():
+        (folder / target).mkdir(parents=True, exist_ok=True)
+        for name, data in sessions.items():
+            (folder / target / name).write_bytes(data)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from peer import REPOSITORY, Result, environment, free_address
+from peer import REPOSITORY, Result, environment, free_address, not_installed
 from world import World
 
 SCRIPTS = REPOSITORY / "tests" / "interop" / "clients"
@@ -121,11 +121,18 @@ def run(build: Path, modes: Iterable[str] = MODES) -> Iterator[Result]:
     """Every client, with the arm in real time and in lockstep."""
     program = build / "bin" / "fci-sim"
     results = []
+    missing = False
     for client in CLIENTS:
-        python = environment(client.name, client.version)
+        try:
+            python = environment(client.name, client.version)
+        except OSError as error:
+            missing = True
+            yield not_installed(client.peer, error)
+            continue
         for mode in modes:
             for result in try_client(client, python, program, mode):
                 if mode == "lockstep":
                     results.append(result)
                 yield result
-    write_table(results)
+    if not missing:
+        write_table(results)

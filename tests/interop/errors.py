@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from peer import REPOSITORY, Result, environment, free_address
+from peer import NOT_INSTALLED, REPOSITORY, Result, environment, free_address, not_installed
 
 SCRIPTS = REPOSITORY / "tests" / "interop" / "clients"
 TABLE = REPOSITORY / "docs" / "errors.md"
@@ -102,13 +102,18 @@ def run(build: Path) -> Iterator[Result]:
 
     def results_of(client: tuple[str, str, str, str]) -> list[Result]:
         name, version, script, robot = client
-        python = environment(name, version)
+        try:
+            python = environment(name, version)
+        except OSError as error:
+            return [not_installed(f"{name} {version}", error)]
         return list(try_client(f"{name} {version}", python, script, robot, build / "bin" / "fci-sim"))
 
     with ThreadPoolExecutor() as side_by_side:
         results = [result for some in side_by_side.map(results_of, CLIENTS) for result in some]
     results += try_own(build / "bin" / "sim_test")
     yield from results
+    if any(result.capability == NOT_INSTALLED for result in results):
+        return
     missing = set(error_names()) - {result.capability for result in results if result.ok} - set(UNPROVOKED)
     for error in sorted(missing):
         yield Result("all", "lockstep", error, False, "nobody has received it")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from clients import SCRIPTS
-from peer import Result, environment, free_address, simulated_arm
+from peer import Result, environment, free_address, not_installed, simulated_arm
 
 CLIENTS = [  # package, version, script, arm, what it gives
     ("panda-python", "1.1.1", "panda_python_model.py", "fer", "library"),
@@ -40,7 +40,11 @@ def run(build: Path) -> Iterator[Result]:
     """Every client that has model functions."""
     pinocchio = environment(*PINOCCHIO)
     for name, version, script, robot, what in CLIENTS:
-        python = environment(name, version)
+        try:
+            python = environment(name, version)
+        except OSError as error:
+            yield not_installed(f"{name} {version}", error)
+            continue
         address = free_address()
         command = [build / "bin" / "fci-sim", "--robot", robot, "--listen", address, "--lockstep"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as arm:

@@ -16,6 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 # Each program with everything that it needs:
 #   echo name==version | uv pip compile --universal --no-header --no-annotate --python-version 3.11 - -o name-version.txt
 PINS = Path(__file__).resolve().parent / "peers"
+NOT_INSTALLED = "be installed"  # what a program that cannot be had cannot do
 PORTS = (1337, 1338, 1339)  # of an arm, its hand, and what is around a simulated one
 
 
@@ -30,6 +31,11 @@ class Result:
     why: str = ""
     # What the peer itself cannot do, in words; a failure is then no fault of ours.
     excuse: str = ""
+
+
+def not_installed(peer: str, error: OSError) -> Result:
+    """What is said of a program that cannot be had: the others run."""
+    return Result(peer, "", NOT_INSTALLED, False, str(error))
 
 
 def environment(name: str, version: str) -> Path:

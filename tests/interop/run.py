@@ -1,6 +1,7 @@
 """Run independent programs against ours, and show what came of it."""
 
 import argparse
+import functools
 import subprocess
 import sys
 import time
@@ -14,6 +15,8 @@ import errors
 import models
 import servers
 from peer import REPOSITORY, Result
+
+from frankapy.programs import die_with_parent
 
 
 def verdict(result: Result) -> str:
@@ -67,6 +70,7 @@ def main() -> int:
     if unknown := set(arguments.module) - set(MODULES):
         parser.error(f"no such module: {', '.join(sorted(unknown))}")
 
+    subprocess.Popen.__init__ = functools.partialmethod(subprocess.Popen.__init__, preexec_fn=die_with_parent)
     names = arguments.module or list(MODULES)
     last = arguments.build / "interop" / "failed"
     if arguments.again and last.exists():

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from peer import REPOSITORY, Result, environment, free_address, is_taken
+from peer import REPOSITORY, Result, environment, free_address, is_taken, not_installed
 
 MOTIONS = REPOSITORY / "tests" / "interop" / "motions.py"
 START_TIME, TIME = 120, 240  # s
@@ -108,4 +108,9 @@ def try_server(server: Server, python: Path, build: Path) -> Iterator[Result]:
 def run(build: Path) -> Iterator[Result]:
     """Every peer."""
     for server in (FRANKY_SIM, FRANKA_SIM):
-        yield from try_server(server, environment(server.name, server.version), build)
+        try:
+            python = environment(server.name, server.version)
+        except OSError as error:
+            yield not_installed(server.peer, error)
+            continue
+        yield from try_server(server, python, build)

@@ -1,5 +1,6 @@
 """Simulated arms with servers for the tests: in lockstep."""
 
+import functools
 import os
 import shutil
 import signal
@@ -56,13 +57,8 @@ def patient_clients():
 @pytest.fixture(scope="session", autouse=True)
 def programs_end_with_the_tests():
     """Let whatever a test starts end when the tests are killed."""
-    start = subprocess.Popen.__init__
-
-    def start_as_child(self, *arguments, **options):
-        start(self, *arguments, **({"preexec_fn": die_with_parent} | options))
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(subprocess.Popen, "__init__", start_as_child)
+        patch.setattr(subprocess.Popen, "__init__", functools.partialmethod(subprocess.Popen.__init__, preexec_fn=die_with_parent))
         yield
 
 

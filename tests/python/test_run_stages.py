@@ -82,6 +82,10 @@ class Stages:
         printed, _ = process.communicate(timeout=300)
         return process.returncode, printed
 
+    def has_started(self) -> bool:
+        """Whether a stage has said which process it is."""
+        return (self.folder / "pid").exists() and bool((self.folder / "pid").read_text())
+
     @property
     def left_over(self) -> bool:
         """Whether the process that a stage has started is still there."""
@@ -196,12 +200,24 @@ def test_while_a_stage_takes_long_its_last_line_is_told(stages):
     assert last_line(rest) == "1 passed, 0 failed"
 
 
-def test_sigterm_ends_all_and_is_a_failure(stages):
-    process = stages.start("passes", "waits", "passes")
+def until(so) -> None:
     deadline = time.monotonic() + 60
-    while not (stages.folder / "pid").exists() or not (stages.folder / "pid").read_text():
+    while not so():
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+def test_what_a_run_that_is_killed_has_started_ends_with_it(stages):
+    process = stages.start("waits")
+    until(stages.has_started)
+    process.kill()
+    process.communicate(timeout=300)
+    until(lambda: not stages.left_over)
+
+
+def test_sigterm_ends_all_and_is_a_failure(stages):
+    process = stages.start("passes", "waits", "passes")
+    until(stages.has_started)
     process.send_signal(signal.SIGTERM)
     printed, _ = process.communicate(timeout=300)
     assert process.returncode == 1

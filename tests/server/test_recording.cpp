@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "server/recorder.hpp"
+#include "tests/child.hpp"
 
 namespace server {
 namespace {
@@ -269,7 +270,7 @@ TEST_F(RecordingTest, AClientAsksForIt) {
 // box.
 TEST_F(RecordingTest, SurvivesItsProcess) {
   const int fd = make_black_box_file();
-  const pid_t child = fork();
+  const pid_t child = testing_tools::fork_child();
   if (child == 0) {
     BlackBox box = BlackBox::in(fd);
     Recording recording(box, folder_ / "a.mcap", {}, {});
@@ -308,7 +309,7 @@ TEST_F(RecordingTest, SurvivesItsProcess) {
 TEST_F(RecordingTest, WhatAllOfItsProcessesLeaveIsFound) {
   const BlackBoxOwner owner{"left", folder_, 1};
   const int fd = make_black_box_file(owner);
-  const pid_t child = fork();
+  const pid_t child = testing_tools::fork_child();
   if (child == 0) {
     BlackBox box = BlackBox::in(fd);
     box.journal.note("/log", "frankapy.proto.LogLine", "");

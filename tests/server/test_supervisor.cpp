@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <signal.h>
-#include <spawn.h>
 #include <sys/wait.h>
 
 #include <algorithm>
@@ -15,6 +14,7 @@
 
 #include "client/sensor_publisher.hpp"
 #include "frankapy/proto/sensors.pb.h"
+#include "tests/child.hpp"
 #include "tests/server/client.hpp"
 #include "tests/server/fake_robot.hpp"
 #include "wire/proto/validation.hpp"
@@ -35,12 +35,13 @@ class Program {
     words.push_back(nullptr);
     int out[2], err[2];
     if (pipe2(out, O_CLOEXEC) != 0 || pipe2(err, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
-    posix_spawn_file_actions_adddup2(&actions, err[1], STDERR_FILENO);
-    if (posix_spawn(&pid_, words[0], &actions, nullptr, words.data(), environ) != 0) throw std::runtime_error(words[0]);
-    posix_spawn_file_actions_destroy(&actions);
+    pid_ = testing_tools::fork_child();
+    if (pid_ == 0) {
+      dup2(out[1], STDOUT_FILENO);
+      dup2(err[1], STDERR_FILENO);
+      execv(words[0], words.data());
+      _exit(127);
+    }
     close(out[1]);
     close(err[1]);
     char byte;

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "free_address.hpp"
+#include "tests/child.hpp"
 
 namespace testing_tools {
 
@@ -84,7 +85,7 @@ class SimulatedArm {
     std::vector<char*> argv;
     for (auto& argument : arguments) argv.push_back(argument.data());
     argv.push_back(nullptr);
-    process_ = ::fork();
+    process_ = fork_child();
     if (process_ == 0) {
       ::dup2(pipe[1], 1);
       ::dup2(::open(log.c_str(), O_CREAT | O_WRONLY, 0600), 2);

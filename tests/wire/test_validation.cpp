@@ -96,10 +96,10 @@ TEST(Validation, RefusesWhatANewerClientSends) {
 }
 
 TEST(Validation, TextIsUtf8) {
-  for (const char* bad : {"\xff", "\xc3", "\xc0\x80", "\xed\xa0\x80", "\xf5\x80\x80\x80", "a\x80"}) {
+  for (const std::string& bad : std::vector<std::string>{"\xff", "\xc3", "\xc0\x80", "\xed\xa0\x80", "\xf5\x80\x80\x80", "a\x80", std::string(1, '\0')}) {
     proto::Skill skill;
     skill.set_description(bad);
-    EXPECT_EQ(error_of(std::move(skill)), "Skill.description is not UTF-8 text");
+    EXPECT_EQ(error_of(std::move(skill)), "Skill.description is not UTF-8 text, or has NUL in it");
   }
   proto::Skill skill;
   skill.set_description("Ärmel, 腕, 🦾");

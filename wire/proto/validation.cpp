@@ -57,12 +57,12 @@ std::string size_of(const proto::FieldRule& rule) {
   return rule.size() != 0 ? std::to_string(rule.size()) : "at least 1";
 }
 
-// Text goes on to other clients and to the log.
-bool is_utf8(const std::string& text) {
+// UTF-8 without NUL, which would end it where it goes on to: to other clients, to the log, into messages of errors.
+bool is_text(const std::string& text) {
   for (std::size_t i = 0; i < text.size();) {
     const auto lead = static_cast<unsigned char>(text[i]);
     const int more = lead < 0x80 ? 0 : lead >> 5 == 0x6 ? 1 : lead >> 4 == 0xE ? 2 : lead >> 3 == 0x1E ? 3 : -1;
-    if (more < 0 || text.size() - i <= static_cast<std::size_t>(more)) return false;
+    if (lead == 0 || more < 0 || text.size() - i <= static_cast<std::size_t>(more)) return false;
     unsigned code = more == 0 ? lead : lead & (0x3F >> more);
     for (int k = 1; k <= more; ++k) {
       const auto next = static_cast<unsigned char>(text[i + k]);
@@ -137,7 +137,7 @@ void check_text(const Message& message, const FieldDescriptor* field, const prot
   for (int i = 0; i < count; ++i) {
     const std::string text = field->is_repeated() ? get.GetRepeatedString(message, field, i)
                                                   : get.GetString(message, field);
-    if (!is_utf8(text)) refuse(full_name(message, field) + " is not UTF-8 text");
+    if (!is_text(text)) refuse(full_name(message, field) + " is not UTF-8 text, or has NUL in it");
   }
 }
 
