@@ -83,13 +83,16 @@ def poses_at(joints: np.ndarray) -> np.ndarray:
 
 
 def as_box(box: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return pose (4, 4) and size (3,) of a box: centre x, y, z, roll, pitch, yaw about fixed axes, size; m, rad, (9,)."""
-    box = vector("box", box, 9)
-    _check_sizes(box[None, 6:])
+    """Return pose (4, 4) and size (3,) of a box: centre x, y, z, roll, pitch, yaw about fixed axes, size; m, rad, (9,).
+
+    In place of the angles there may be a quaternion w, x, y, z: (10,).
+    """
+    box = vector("box", box, 10 if np.size(box) == 10 else 9)
+    _check_sizes(box[None, -3:])
     pose = np.eye(4)
-    pose[:3, :3] = rotation_from_rpy(box[3:6])
+    pose[:3, :3] = RigidTransform.rotation_from_quaternion(box[3:7]) if len(box) == 10 else rotation_from_rpy(box[3:6])
     pose[:3, 3] = box[:3]
-    return pose, box[6:]
+    return pose, box[-3:]
 
 
 def _check_sizes(sizes: np.ndarray) -> None:

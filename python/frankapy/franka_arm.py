@@ -48,7 +48,7 @@ from frankapy.rigid_transform import RigidTransform
 from frankapy.ros_messages import SensorDataGroup
 from frankapy.sensors import SensorPublisher
 from frankapy.skill import any_of, make_skill
-from frankapy.states import StateReader, StateStream
+from frankapy.states import RobotState, StateReader, StateStream
 from frankapy.utils import franka_pose_to_rigid_transform
 from frankapy.validation import checks_flags, number, table, text, validate, vector, whole
 from frankapy.walls import Walls
@@ -810,7 +810,7 @@ class FrankaArm:
                 `recovery`; None: as `recovery` says. Whoever it is, the skill has failed, and is not made again.
             skill_desc: goes with the skill's states.
             publishers: by topic, the names of the keys whose sensor messages the skill takes ({"policy": ["anna"]}), where the
-                server has keys; of other topics, everybody's who may command.
+                server has keys; of other topics, this client's own.
 
         Raises FrankaArmArgumentError for values against their rules and for parts that do not fit each other, with those
         that would; FrankaArmException where the robot reports an error.
@@ -1024,8 +1024,8 @@ class FrankaArm:
         timeout = None if timeout is None else number("timeout", timeout)
         return states.wait_for(self._server.current_welcome().state_endpoint, condition, timeout, self._server.key)
 
-    def get_robot_state(self) -> dict[str, Any]:
-        """Return the state as a dictionary of the published interface.
+    def get_robot_state(self) -> RobotState:
+        """Return the newest state as a dictionary of the published interface; its attribute `age` is how old it is (s).
 
         Keys: pose and pose_desired (franka_tool_base to world), joints, joints_desired (rad), joint_velocities (rad/s),
         joint_torques (Nm), joint_torques_derivative (Nm/s), ee_force_torque (N, Nm, base axes), cartesian_velocities (m/s, rad/s;
@@ -1163,7 +1163,7 @@ class FrankaArm:
     def check_box_collision(self, box: Numbers, joints: Numbers | None = None) -> bool:
         """Return whether the arm meets a box: centre x, y, z, roll, pitch, yaw about fixed axes, size; m, rad, (9,).
 
-        At `joints` (rad, (7,)), None: where the arm is.
+        In place of the angles there may be a quaternion w, x, y, z: (10,). At `joints` (rad, (7,)), None: where the arm is.
         """
         return collision_boxes.arm_meets(box, self._joints_or_now(joints))
 
@@ -1172,7 +1172,8 @@ class FrankaArm:
 
         At `joints` (rad, (7,)), None: where the arm is.
         """
-        joints, boxes = self._joints_or_now(joints), table("boxes", FC.WORKSPACE_WALLS if boxes is None else boxes, 9)
+        boxes = FC.WORKSPACE_WALLS if boxes is None else boxes
+        joints, boxes = self._joints_or_now(joints), table("boxes", boxes, 10 if np.shape(boxes)[-1:] == (10,) else 9)
         return any(collision_boxes.arm_meets(box, joints) for box in boxes)
 
     # --- of scripts for ROS --------------------------------------------------------------------------------------

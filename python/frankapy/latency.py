@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 _QUESTIONS = 300
 _LISTEN = 3.0  # s
 _HOLD = 5.0  # s
+_MESSAGES = 20
+_TOPIC = "frankapy latency"
 
 # Good below the first; no use above the second. Streams of targets bear some ms; the loop itself bears none.
 _ROUND_TRIP = (2.0, 20.0)  # ms, the slowest of a hundred
@@ -36,7 +38,8 @@ _COMPUTER = (
 def measure(arm: FrankaArm, hold: bool = False) -> Iterator[Finding]:
     """Measure one thing after the other.
 
-    `hold` also holds the arm where it is for 5 s, under torque control, to see how many of its commands come in time.
+    `hold` also holds the arm where it is for some 10 s, under torque control: how many of its commands come in time, and how soon a
+    sensor message does what it is to do.
     """
     server = arm._server  # noqa: SLF001 - what is below a FrankaArm is what is measured
     trips = []
@@ -56,6 +59,7 @@ def measure(arm: FrankaArm, hold: bool = False) -> Iterator[Finding]:
     yield from _states(arm, difference)
     if hold:
         yield from _holding(arm)
+        yield _messages(arm)
 
 
 def _judged(what: str, values: list[float], unit: str, bounds: tuple[float, float], advice: str) -> Finding:
@@ -111,3 +115,16 @@ def _holding(arm: FrankaArm) -> Iterator[Finding]:
     share = float(np.mean(success))
     level = OK if share >= _SUCCESS[0] else WARN if share >= _SUCCESS[1] else BAD
     yield Finding(level, "commands in time", f"{100 * share:.2f} %, the least of any hundred {100 * min(success):.0f} %", "" if level == OK else _COMPUTER)
+
+
+def _messages(arm: FrankaArm) -> Finding:
+    trips = []
+    with arm.publisher(_TOPIC) as publisher:
+        for _ in range(_MESSAGES):
+            arm.run(parts.StayJoint(_HOLD), parts.JointImpedance(), parts.SensorSays(_TOPIC), block=False)
+            time.sleep(0.1)
+            begin = time.perf_counter()
+            publisher.publish(proto.ShouldTerminateSensorMessage(should_terminate=True))
+            arm.wait_for_skill()
+            trips.append(1e3 * (time.perf_counter() - begin))
+    return _judged("sensor message, loop, result", trips, "ms", _JITTER, _NETWORK)

@@ -642,7 +642,7 @@ def CartesianImpedance(
     Args:
         translational_stiffness: 3 numbers, N/m, 0 to 3000, default 600 600 600.
         rotational_stiffness: 3 numbers, N m/rad, 0 to 300, default 50 50 50.
-        damping_ratio: 0 to 3, default 1.0. Of each mode of the arm's inertia at EE on this stiffness; 1 is critical.
+        damping_ratio: 0.1 to 3, default 1.0. Of each mode of the arm's inertia at EE on this stiffness; 1 is critical.
         nullspace_stiffness: N m/rad, 0 to 100, default 10.0.
         frame: base | end_effector, default base.
         topic: may be left out.
@@ -797,7 +797,7 @@ def HybridForcePosition(
         frame: base | end_effector, default base.
         translational_stiffness: 3 numbers, N/m, 0 to 3000, default 1500 1500 1500.
         rotational_stiffness: 3 numbers, N m/rad, 0 to 300, default 100 100 100.
-        damping_ratio: 0 to 3, default 1.0.
+        damping_ratio: 0.1 to 3, default 1.0.
         nullspace_stiffness: N m/rad, 0 to 100, default 10.0.
         gain: 0 to 2, default 0.5. Of the force that is missing, beside the force itself.
         integral_gain: 1/s, 0 to 20, default 5.0.

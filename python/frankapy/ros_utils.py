@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from frankapy import collision_boxes
-from frankapy.collision_boxes import rotation_from_rpy
+from frankapy.collision_boxes import as_box
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.franka_constants import FrankaConstants as FC
 from frankapy.poses import quaternion
@@ -46,11 +46,10 @@ class BoxesPublisher:
             marker = Marker()
             marker.type, marker.id = Marker.CUBE, i
             marker.header.frame_id, marker.header.stamp = self.world_frame, rospy.Time.now()
-            place, size = marker.pose.position, marker.scale
-            place.x, place.y, place.z = row[:3]
-            size.x, size.y, size.z = row[-3:]
-            turn = marker.pose.orientation
-            turn.w, turn.x, turn.y, turn.z = row[3:7] if row.size == 10 else RigidTransform(rotation_from_rpy(row[3:6]), np.zeros(3)).quaternion
+            place, turn, size = marker.pose.position, marker.pose.orientation, marker.scale
+            pose, (size.x, size.y, size.z) = as_box(row)
+            place.x, place.y, place.z = pose[:3, 3]
+            turn.w, turn.x, turn.y, turn.z = RigidTransform(pose[:3, :3], np.zeros(3)).quaternion
             grey = marker.color
             grey.r, grey.g, grey.b, grey.a = 0.5, 0.5, 0.5, 0.6
             markers.append(marker)

@@ -187,7 +187,16 @@ def wait_for(
     raise FrankaArmCommException("No states have come for 5 s: `frankapy status` tells why.")
 
 
-def as_dictionary(state: proto.ArmState) -> dict[str, Any]:
+class RobotState(dict[str, Any]):
+    """A state as the dictionary of the published interface; see FrankaArm.get_robot_state.
+
+    age: how long ago the server had it from the robot when it was read, s.
+    """
+
+    age: float
+
+
+def as_dictionary(state: proto.ArmState) -> RobotState:
     """Return a state as the dictionary of the published interface; see FrankaArm.get_robot_state."""
     robot = state.robot
     has_hand = state.HasField("gripper")
@@ -195,7 +204,9 @@ def as_dictionary(state: proto.ArmState) -> dict[str, Any]:
         twist = np.array(robot.O_dP_EE_c)
     else:  # the robot is commanded none
         twist = kinematics.jacobian(np.array(robot.q), np.zeros(3)) @ np.array(robot.dq)
-    return {
+    values = RobotState()
+    values.age = state.age
+    values |= {
         "cartesian_velocities": twist,
         "pose": franka_pose_to_rigid_transform(robot.O_T_EE),
         "pose_desired": franka_pose_to_rigid_transform(robot.O_T_EE_d),
@@ -208,3 +219,4 @@ def as_dictionary(state: proto.ArmState) -> dict[str, Any]:
         "gripper_is_grasped": state.gripper.is_grasped if has_hand else False,
         "ee_force_torque": np.array(robot.O_F_ext_hat_K),
     }
+    return values

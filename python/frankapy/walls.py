@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,12 @@ from typing import Any
 import numpy as np
 
 from frankapy import proto
+from frankapy.collision_boxes import as_box
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import flag, number, validate, vector
+from frankapy.validation import flag, number, table, validate, vector
+
+logger = logging.getLogger("frankapy")
 
 
 def Plane(normal: Sequence[float] = (0, 0, 1), point: Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
@@ -29,6 +33,16 @@ def Plane(normal: Sequence[float] = (0, 0, 1), point: Sequence[float] = (0, 0, 0
 def Box(size: Sequence[float], pose: RigidTransform | Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
     """Return a box with edges `size` (m) whose centre is at `pose`: a pose, or a position (m)."""
     return _place(proto.Wall(box=proto.Wall.Box(size=vector("size", size, 3))), pose)
+
+
+def from_boxes(boxes: Any, name: str = "box") -> dict[str, proto.Wall]:
+    """Return boxes as FrankaConstants.WORKSPACE_WALLS and the collision methods have them as walls: "box 1", "box 2" and so on.
+
+    Each is centre x, y, z, roll, pitch, yaw about fixed axes or a quaternion w, x, y, z, and size; m, rad, (n, 9) or (n, 10).
+    """
+    rows = table("boxes", boxes, 10 if np.shape(boxes)[-1:] == (10,) else 9)
+    placed = [as_box(row) for row in rows]
+    return {f"{name} {i}": Box(list(size), RigidTransform(pose[:3, :3], pose[:3, 3])) for i, (pose, size) in enumerate(placed, 1)}
 
 
 def Sphere(radius: float, centre: Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
@@ -105,7 +119,8 @@ class Walls(Mapping[str, proto.Wall]):
     """The walls of an arm by name, as `fa.walls`.
 
     Motions end 10 mm before a wall, or slide along it; under torque control it pushes back. What is added holds at once, also for
-    the skill that runs, until it is removed or, unless it is to be kept, the arm's server is started again. An arm that is nearer already may go away only.
+    the skill that runs, until it is removed or, unless it is to be kept, the arm's server is started again. An arm that is nearer
+    already may go away only; where a wall that comes finds it so, a warning says which link.
 
     Example:
         >>> fa.walls.add("table", Box([1, 1, 0.1], [0.5, 0, -0.05]))
@@ -129,7 +144,7 @@ class Walls(Mapping[str, proto.Wall]):
 
     def update(self, walls: Mapping[str, proto.Wall], keep: bool = False, protect: bool = False) -> None:
         """Add several at once, as `add`: all or none."""
-        self._change(proto.ChangeWalls(put=[self._named(name, wall, keep, protect) for name, wall in walls.items()]))
+        self._put([self._named(name, wall, keep, protect) for name, wall in walls.items()])
 
     def hold(self, name: str, body: proto.Wall, keep: bool = False, protect: bool = False) -> None:
         """Add a body to the arm itself: a tool, or what the hand holds. It is given in the frame of the tool (EE)."""
@@ -137,7 +152,7 @@ class Walls(Mapping[str, proto.Wall]):
         tool = self._flange_to_tool()
         rotation = tool[:3, :3] @ RigidTransform.rotation_from_quaternion(named.orientation)
         _place(named, RigidTransform(rotation, tool[:3, :3] @ named.position + tool[:3, 3])).held = True
-        self._change(proto.ChangeWalls(put=[named]))
+        self._put([named])
 
     def remove(self, *names: str) -> None:
         """Remove these.
@@ -175,6 +190,12 @@ class Walls(Mapping[str, proto.Wall]):
         """Return names and shapes."""
         texts = [f"{name}: {wall.WhichOneof('shape')}{' (held)' if wall.held else ''}" for name, wall in self._all().items()]
         return f"Walls({', '.join(texts)})"
+
+    def _put(self, walls: list[proto.Wall]) -> None:
+        answer = self._change(proto.ChangeWalls(put=walls))
+        for near in answer.nearer:
+            where = f"{-1e3 * near.distance:.0f} mm inside of" if near.distance < 0 else f"{1e3 * near.distance:.0f} mm before"
+            logger.warning("%s is %s the wall %r: until it is 10 mm away the arm may only go away from it", near.link, where, near.wall)
 
     def _all(self) -> dict[str, proto.Wall]:
         return {wall.name: wall for wall in self._change(proto.ChangeWalls()).walls}

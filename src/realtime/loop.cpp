@@ -722,6 +722,7 @@ void Loop::start_trajectory(double speed_before) noexcept {
 void Loop::start_terminations() noexcept {
   for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
     const auto& numbers = skill_->numbers.terminations;
+    skill_->terminations[i]->watched_by(watch_);
     watch_.start(PartWatch::kTerminations + static_cast<int>(i), i < numbers.size() ? numbers[i] : 0,
                  [&] { skill_->terminations[i]->start(); });
   }

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <cstdint>
 #include <ctime>
+#include <utility>
 
 namespace realtime {
 
@@ -41,14 +42,19 @@ class PartWatch {
     std::atomic<std::uint32_t>* in_part = nullptr;      // number of the part that the loop is in; 0: in none
   };
 
-  // Places of parts; terminations have one each.
+  // Places of parts; terminations have one each, and those within others one of their own.
   static constexpr int kTrajectory = 0, kController = 1, kTerminations = 2;
+  struct Place {
+    int closely = 0;  // steps that are still measured by processor time
+    int number_long = 0, number_very_long = 0;  // of them
+    bool at_fault = false;
+  };
 
   explicit PartWatch(const Hooks& hooks) : hooks_(hooks) {}
 
   // Other parts from now on, none of them at fault.
   void reset() noexcept {
-    slots_.fill({});
+    places_.fill({});
     fault_ = longest_ = {};
   }
 
@@ -56,26 +62,28 @@ class PartWatch {
   const PartFault& fault() const noexcept { return fault_; }
   const PartFault& longest() const noexcept { return longest_; }
   bool at_fault() const noexcept { return fault_.why != PartFault::Why::kNone; }
-  bool at_fault(int role) const noexcept { return slot(role).at_fault; }
+  bool at_fault(int role) const noexcept { return place(role).at_fault; }
 
-  void not_finite(int role, std::uint16_t number) noexcept { blame(slot(role), {PartFault::Why::kNotFinite, number, 0}); }
+  void not_finite(int role, std::uint16_t number) noexcept { blame(place(role), {PartFault::Why::kNotFinite, number, 0}); }
 
   // Calls a part's step() and gives back its answer.
   template <class Step>
   bool step(int role, std::uint16_t number, Step step) noexcept {
-    Slot& slot = this->slot(role);
-    const bool closely = slot.closely > 0;
+    return this->step(place(role), number, step);
+  }
+  template <class Step>
+  bool step(Place& place, std::uint16_t number, Step step) noexcept {
+    const bool closely = place.closely > 0;
     const std::int64_t used = closely ? now(CLOCK_THREAD_CPUTIME_ID) : 0;
     const long waits = closely ? this->waits() : 0;
-    const std::int64_t began = now(CLOCK_MONOTONIC);
-    const bool answer = call(slot, number, step);
-    const std::int64_t wall = note(number, began);
+    bool answer = false;
+    const std::int64_t wall = timed(number, [&] { answer = call(place, number, step); });
     if (closely) {
       const bool never_waits = wall > kBudget && this->waits() == waits;
-      judge(slot, number, never_waits ? std::min(wall, now(CLOCK_THREAD_CPUTIME_ID) - used) : wall);
+      judge(place, number, never_waits ? std::min(wall, now(CLOCK_THREAD_CPUTIME_ID) - used) : wall);
     } else if (wall > kBudget) {
-      slot.closely = kWindow;
-      slot.number_long = slot.number_very_long = 0;
+      place.closely = kWindow;
+      place.number_long = place.number_very_long = 0;
     }
     return answer;
   }
@@ -83,29 +91,30 @@ class PartWatch {
   // Calls its start(), which may take longer.
   template <class Start>
   void start(int role, std::uint16_t number, Start start) noexcept {
-    const std::int64_t began = now(CLOCK_MONOTONIC);
-    call(slot(role), number, [&] { return start(), true; });
-    note(number, began);
+    this->start(place(role), number, start);
+  }
+  template <class Start>
+  void start(Place& place, std::uint16_t number, Start start) noexcept {
+    timed(number, [&] { call(place, number, [&] { return start(), true; }); });
   }
 
  private:
-  struct Slot {
-    int closely = 0;  // steps that are still measured by processor time
-    int number_long = 0, number_very_long = 0;  // of them
-    bool at_fault = false;
-  };
-
   // How often this thread has given its processor away of itself.
   static long waits() noexcept {
     rusage used;
     return ::getrusage(RUSAGE_THREAD, &used) == 0 ? used.ru_nvcsw : 0;
   }
 
-  // Returns how long it took, ns.
-  std::int64_t note(std::uint16_t number, std::int64_t began) noexcept {
-    const std::int64_t wall = now(CLOCK_MONOTONIC) - began;
-    if (wall > longest_.ns) longest_ = {PartFault::Why::kTooLong, number, wall};
-    return wall;
+  // Returns how long it took beside the parts within it, ns.
+  template <class Function>
+  std::int64_t timed(std::uint16_t number, Function function) noexcept {
+    const std::int64_t before = std::exchange(within_, 0);
+    const std::int64_t began = now(CLOCK_MONOTONIC);
+    function();
+    const std::int64_t wall = now(CLOCK_MONOTONIC) - began, own = wall - within_;
+    within_ = before + wall;
+    if (own > longest_.ns) longest_ = {PartFault::Why::kTooLong, number, own};
+    return own;
   }
 
   static std::int64_t now(clockid_t clock) noexcept {
@@ -114,36 +123,40 @@ class PartWatch {
     return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
   }
 
-  Slot& slot(int role) noexcept { return slots_[std::min<std::size_t>(role, slots_.size() - 1)]; }
-  const Slot& slot(int role) const noexcept { return slots_[std::min<std::size_t>(role, slots_.size() - 1)]; }
+  Place& place(int role) noexcept { return places_[std::min<std::size_t>(role, places_.size() - 1)]; }
+  const Place& place(int role) const noexcept { return places_[std::min<std::size_t>(role, places_.size() - 1)]; }
 
   template <class Function>
-  bool call(Slot& slot, std::uint16_t number, Function function) noexcept {
+  bool call(Place& place, std::uint16_t number, Function function) noexcept {
     const std::uint64_t before = hooks_.allocations != nullptr ? hooks_.allocations() : 0;
+    const std::uint32_t around = std::exchange(in_part_, number);
     if (hooks_.in_part != nullptr) hooks_.in_part->store(number, std::memory_order_relaxed);
     const bool answer = function();
-    if (hooks_.in_part != nullptr) hooks_.in_part->store(0, std::memory_order_relaxed);
+    in_part_ = around;
+    if (hooks_.in_part != nullptr) hooks_.in_part->store(around, std::memory_order_relaxed);
     if (hooks_.allocations != nullptr && hooks_.allocations() != before) {
-      blame(slot, {PartFault::Why::kAllocates, number, 0});
+      blame(place, {PartFault::Why::kAllocates, number, 0});
     }
     return answer;
   }
 
-  void judge(Slot& slot, std::uint16_t number, std::int64_t ns) noexcept {
-    --slot.closely;
-    slot.number_long += ns > kBudget;
-    slot.number_very_long += ns > kVeryLong;
-    if (slot.number_long < kMostLong && slot.number_very_long < kMostVeryLong) return;
-    blame(slot, {PartFault::Why::kTooLong, number, ns});
+  void judge(Place& place, std::uint16_t number, std::int64_t ns) noexcept {
+    --place.closely;
+    place.number_long += ns > kBudget;
+    place.number_very_long += ns > kVeryLong;
+    if (place.number_long < kMostLong && place.number_very_long < kMostVeryLong) return;
+    blame(place, {PartFault::Why::kTooLong, number, ns});
   }
 
-  void blame(Slot& slot, const PartFault& fault) noexcept {
-    slot.at_fault = true;
+  void blame(Place& place, const PartFault& fault) noexcept {
+    place.at_fault = true;
     if (!at_fault()) fault_ = fault;
   }
 
   Hooks hooks_;
-  std::array<Slot, kTerminations + 16> slots_{};
+  std::array<Place, kTerminations + 16> places_{};
+  std::uint32_t in_part_ = 0;  // as hooks_.in_part
+  std::int64_t within_ = 0;    // ns, of parts within the one that is called
   PartFault fault_, longest_;
 };
 

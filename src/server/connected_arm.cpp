@@ -69,6 +69,11 @@ proto::Walls ConnectedArm::walls() const {
   return walls_.list();
 }
 
+void ConnectedArm::tell_nearer(const realtime::Vector7& q, proto::Walls& out) const {
+  const std::lock_guard lock(mutex_);
+  if (connection_.builder) server::tell_nearer(connection_.walls->walls, connection_.walls->names, q, out);
+}
+
 proto::LimitsInForce ConnectedArm::limits() const {
   const std::lock_guard lock(mutex_);
   return limits_.list();

@@ -50,6 +50,8 @@ class ConnectedArm {
   void change(const frankapy::proto::ChangeWalls& change, const Keys::Client& who);
   void change(const frankapy::proto::ChangeLimits& change);
   frankapy::proto::Walls walls() const;
+  // Those that an arm at `q` (rad) is nearer to than motions keep.
+  void tell_nearer(const realtime::Vector7& q, frankapy::proto::Walls& out) const;
   frankapy::proto::LimitsInForce limits() const;
   std::string wall_name(std::uint32_t id) const { return walls_.name(id); }
 

@@ -64,7 +64,7 @@ void SensorHub::check(const Publishers& publishers, const Inputs& inputs) const 
   }
 }
 
-void SensorHub::bind(std::uint64_t skill, Inputs inputs, bool queued, const Publishers& publishers) {
+void SensorHub::bind(std::uint64_t skill, Inputs inputs, bool queued, const std::string& commander, const Publishers& publishers) {
   std::map<std::string, double> timeouts;  // of topics, s
   for (const auto& input : inputs) {
     if (input->timeout() <= 0) continue;
@@ -81,6 +81,7 @@ void SensorHub::bind(std::uint64_t skill, Inputs inputs, bool queued, const Publ
       if (!listener.publishers) listener.publishers.emplace();
       listener.publishers->insert(each.names().begin(), each.names().end());
     }
+    if (keys_ != nullptr && !listener.publishers) listener.publishers = {commander};
     listeners_.push_back(std::move(listener));
   }
 }
@@ -282,7 +283,7 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
     return refuse(topic, invalid.what());
   }
   if (heard && !taken) {
-    refuse(topic, expected.empty() ? fmt::format("it is of the key \"{}\": the skill that listens takes {}", from.name, publishers)
+    refuse(topic, expected.empty() ? fmt::format("it is of the key \"{}\": the skill that listens takes {} (its `publishers`)", from.name, publishers)
                                    : fmt::format("it is {}: expected {}", kind, expected));
   }
   if (topic.newest_ns.size() >= kMaxKinds) topic.newest_ns.clear();

@@ -40,10 +40,11 @@ class SensorHub {
 
   // Throws Refused for publishers that there are not, or of a topic that none of these inputs has.
   void check(const Publishers& publishers, const Inputs& inputs) const;
-  // From now on, until release(), messages of these publishers get into these inputs of a skill; into those of one that is queued
-  // only while no skill before it listens to their topic. The least timeout of these inputs is that of all that share its topic:
+  // From now on, until release(), messages of these publishers get into these inputs of a skill, and over topics that they do not
+  // have those of its commander's key; without keys everybody's. Into those of one that is queued only while no skill before it
+  // listens to their topic. The least timeout of these inputs is that of all that share its topic:
   // what took longer than that on its way, beside the quickest of its publisher, tells them nothing any more.
-  void bind(std::uint64_t skill, Inputs inputs, bool queued, const Publishers& publishers = {});
+  void bind(std::uint64_t skill, Inputs inputs, bool queued, const std::string& commander = "", const Publishers& publishers = {});
   void release(std::uint64_t skill);
   void release(std::uint64_t skill, const Inputs& inputs);
 
@@ -59,7 +60,7 @@ class SensorHub {
     std::shared_ptr<realtime::SensorInput> input;
     std::int64_t longest_ns;  // that a message may take; 0: any time
     bool queued;
-    std::optional<std::set<std::string>> publishers;  // names of keys; none: all
+    std::optional<std::set<std::string>> publishers;  // names of keys; absent: there are no keys
   };
   struct Publisher {
     std::uint64_t sequence = 0;

@@ -146,10 +146,10 @@ void Skills::begin(Build& build) {
   event.mutable_started()->Swap(&build.message);
   note(event, id, from);
   Running running{from, skill->trajectory->goal(), std::move(*event.mutable_started()), skill->mode, skill->settings,
-                  !skill->controller->tracks(), build.made_at, listening};
+                  !skill->controller->tracks(), build.made_at, listening, found.queued};
   if (!found.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
-  sensors_.bind(id, listening.all(), found.queued, publishers);
+  sensors_.bind(id, listening.all(), found.queued, from.who.name, publishers);
   std::unique_ptr<realtime::Skill> unread;
   if (found.queued) {
     queue_.push_back(std::move(skill));
@@ -182,11 +182,15 @@ void Skills::change(const Address& from, proto::Request& request) {
 // What the skill is then. Throws Refused where it cannot be changed now.
 proto::Skill Skills::changed(const Address& from, const proto::ChangeSkill& change) const {
   clients_.require_lease(from);
-  require_state();
+  const realtime::Record now = require_state();
   const auto running = running_.find(change.skill_id());
   if (running == running_.end() || running->second.starter.client != from.client) {
     throw Refused(proto::Error::INVALID_ARGUMENT,
                   fmt::format("ChangeSkill.skill_id = {}: no skill of this client that runs", change.skill_id()));
+  }
+  if (running->second.queued && now.skill_id < change.skill_id()) {
+    throw Refused(proto::Error::NOT_READY,
+                  fmt::format("skill {} waits behind another: it can be changed once it runs", change.skill_id()));
   }
   if (!change.has_trajectory() && !change.has_controller() && change.terminations().empty()) {
     throw Refused(proto::Error::INVALID_ARGUMENT, "ChangeSkill changes nothing: expected trajectory, controller or terminations");
@@ -230,7 +234,7 @@ void Skills::begin_change(Build& build) {
     parts->terminations = std::move(skill.terminations);
     parts->changes_terminations = true;
   }
-  sensors_.bind(change.skill_id(), listening.all(), false, changing_->message.publishers());
+  sensors_.bind(change.skill_id(), listening.all(), false, build.from.who.name, changing_->message.publishers());
   door_.change.put(std::move(parts));
 }
 

@@ -77,6 +77,7 @@ class Skills {
     bool lets_go;  // its controller
     MadeAt made_at;
     Listening listening;
+    bool queued = false;  // behind another of its client
     std::function<void(const std::string&)> done = nullptr;  // of the server's own
     std::string black_box = {};                               // once its client is gone
     bool client_is_gone = false;

@@ -280,13 +280,16 @@ void Transport::record(const Address& from, const proto::Record& record) {
 
 void Transport::change_walls(const Address& from, const proto::ChangeWalls& change) {
   const bool lab = from.who.role == proto::LAB;  // protects the arm from whoever commands it
-  if (change.remove_size() + change.put_size() > 0) {
+  const bool changes = change.remove_size() + change.put_size() > 0;
+  if (changes) {
     if (!lab) clients_.require_lease(from);
     arm_.change(change, from.who);
     if (!lab) clients_.take_lease(from);
   }
   proto::Reply reply;
-  *reply.mutable_walls() = arm_.walls();
+  proto::Walls& walls = *reply.mutable_walls();
+  walls = arm_.walls();
+  if (const auto now = publisher_.newest(); now && changes) arm_.tell_nearer(realtime::Vector7::Map(now->state.q.data()), walls);
   answers_.send(from, reply);
 }
 

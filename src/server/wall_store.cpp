@@ -267,6 +267,27 @@ std::string WallStore::name(std::uint32_t id) const {
   return {};
 }
 
+void tell_nearer(const realtime::Walls& walls, const WallStore& names, const realtime::Vector7& q, proto::Walls& out) {
+  const auto& capsules = walls.arm.all();
+  realtime::ArmCapsules::Place place;
+  walls.arm.place(q, place);
+  for (const auto& wall : walls.walls) {
+    double least = realtime::WallGuard::kClearance;
+    int link = 0;
+    for (std::size_t c = 0; c < capsules.size(); ++c) {
+      const double distance = realtime::nearest(wall.shape, place.a[c], place.b[c]).distance - capsules[c].radius;
+      if (distance >= least) continue;
+      least = distance;
+      link = capsules[c].link;
+    }
+    if (least >= realtime::WallGuard::kClearance) continue;
+    auto& nearer = *out.add_nearer();
+    nearer.set_wall(names.name(wall.id));
+    nearer.set_link(name_of_link(link));
+    nearer.set_distance(least);
+  }
+}
+
 void check_walls(const realtime::Walls& walls, const WallStore& names, std::span<const realtime::Vector7> way,
                  const std::string& what) {
   if (walls.walls.empty() || way.empty()) return;

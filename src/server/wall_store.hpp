@@ -59,6 +59,9 @@ class WallStore {
 // A link of the arm (ArmCapsules), for people.
 std::string name_of_link(int link);
 
+// Adds the walls that an arm at `q` (rad) is nearer to than motions keep, by whichever of its links is nearest.
+void tell_nearer(const realtime::Walls& walls, const WallStore& names, const realtime::Vector7& q, frankapy::proto::Walls& out);
+
 // Checks the way of a motion, postures (rad) in order of which the first is where the arm is: none may bring it nearer to a wall
 // than the loop lets it come, or nearer than it is. Throws Refused that says what would touch which wall, and where.
 // `what`: the kind of the motion.

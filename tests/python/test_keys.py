@@ -253,7 +253,7 @@ def test_a_skill_takes_sensor_messages_of_the_publishers_that_it_names(arm):
         anna.run(StreamJoint("policy"), InternalImpedance(), Time(LONG), block=False, publishers={"policy": ["anna"]})
         of_bob.publish(target)
         eventually(lambda: "policy" in anna.topics() and anna.topics()["policy"].refused == 1)
-        assert anna.topics()["policy"].why_refused == 'it is of the key "bob": the skill that listens takes anna'
+        assert anna.topics()["policy"].why_refused == 'it is of the key "bob": the skill that listens takes anna (its `publishers`)'
         of_reader.publish(target)
         eventually(lambda: anna.topics()["policy"].refused == 2)
         assert "needs the role user" in anna.topics()["policy"].why_refused

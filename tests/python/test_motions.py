@@ -145,6 +145,7 @@ def test_reads_agree_with_the_truth_and_with_each_other(fa, ideal_arm):
     fa.goto_joints(GOAL, 1)
     truth = ideal_arm.simulation.truth()
     state = fa.get_robot_state()
+    assert 0 <= state.age < 60
     np.testing.assert_allclose(fa.get_joints(), truth.q, atol=1e-4)
     np.testing.assert_allclose(state["joints"], truth.q, atol=1e-4)
     np.testing.assert_allclose(fa.get_pose().matrix, tool_of(ideal_arm).matrix, atol=1e-4)

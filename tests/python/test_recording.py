@@ -465,5 +465,5 @@ def test_clocks_of_one_computer_agree(fa):
 def test_latency_is_measured_and_judged(ideal_arm, capsys):
     assert cli.main(["latency", "--server", ideal_arm.server, "--hold"]) in (0, 1)
     told = capsys.readouterr().out
-    for what in ("question, answer", "clocks", "arm to script", "computing", "commands in time"):
+    for what in ("question, answer", "clocks", "arm to script", "computing", "commands in time", "sensor message"):
         assert what in told

@@ -11,6 +11,7 @@ import pytest
 from frankapy import (
     FrankaArmArgumentError,
     FrankaArmException,
+    FrankaArmFrankaInterfaceNotReadyException,
     FrankaConstants,
     SensorPublisher,
     cli,
@@ -626,6 +627,13 @@ def test_a_change_that_does_not_fit_is_refused_and_the_skill_goes_on(fa):
     fa.change(trajectory=TimeOptimalJoint(NEAR, 0.3), until=Time(after_trajectory=0.1))
     fa.wait_for_skill()
     np.testing.assert_allclose(fa.get_joints(), NEAR, atol=1e-3)
+
+
+def test_what_waits_behind_another_is_changed_once_it_runs(fa):
+    with pytest.raises(FrankaArmFrankaInterfaceNotReadyException, match="waits behind another"), fa.sequence():
+        fa.run(StayJoint(1000), JointImpedance(), Never())
+        fa.run(StayJoint(1), JointImpedance())
+        fa.change(until=Time(1))
 
 
 def test_thresholds_of_contact_are_those_of_a_skill_and_cost_the_robot_no_rest(ideal_arm, fa):

@@ -1,5 +1,6 @@
 """Virtual walls: what they refuse, and that nothing goes through them."""
 
+import re
 import struct
 import sys
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import HOME, REPOSITORY, client_after_crash
 
-from frankapy import FrankaArmArgumentError, FrankaArmBusyException, RigidTransform, connection, proto
+from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaConstants, RigidTransform, connection, proto
 from frankapy.cli import main
 from frankapy.parts import (
     CartesianImpedance,
@@ -15,13 +16,14 @@ from frankapy.parts import (
     JointImpedance,
     MinJerkJoint,
     Never,
+    RelativeMinJerkPose,
     StayJoint,
     StreamJoint,
     StreamJointVelocity,
     StreamPose,
     Time,
 )
-from frankapy.walls import Box, Capsule, Cylinder, Mesh, Plane, Sphere, read_stl
+from frankapy.walls import Box, Capsule, Cylinder, Mesh, Plane, Sphere, from_boxes, read_stl
 
 sys.path[:0] = [str(REPOSITORY / "tests" / "safety"), str(REPOSITORY / "tests" / "interop")]
 from judge import clearance  # noqa: E402
@@ -104,6 +106,33 @@ def test_another_client_changes_nothing_while_this_one_commands(walled, ideal_ar
         assert list(other.walls) == ["table"]
         with pytest.raises(FrankaArmBusyException):
             other.walls.clear()
+
+
+def test_a_wall_that_comes_where_the_arm_is_is_told_with_the_link(walled, caplog):
+    walled.walls.add("far", Sphere(0.1, [-0.5, 0.5, 0.5]))
+    assert not caplog.records
+    tool = walled.get_pose().translation
+    walled.walls.add("ball", Sphere(0.05, tool))
+    (record,) = caplog.records
+    assert re.match(r"the hand or what it holds is \d+ mm inside of the wall 'ball': .* the arm may only go away", record.message)
+    walled.walls.remove("far")
+    assert len(caplog.records) == 1
+
+
+def test_boxes_of_the_published_interface_are_walls(walled):
+    walled.walls.update(from_boxes(FrankaConstants.WORKSPACE_WALLS, "workspace"))
+    assert list(walled.walls) == [f"workspace {i}" for i in range(1, 7)]
+    walled.goto_joints(HOME, 1)
+    with pytest.raises(FrankaArmArgumentError, match=r'wall "workspace [12]"'):  # at a side
+        walled.run(RelativeMinJerkPose([0, 0.42, 0], frame="base", duration=3), CartesianImpedance())
+    turned = [0.4, 0.1, 0.2, 0.3, -0.4, 0.5, 0.1, 0.2, 0.3]
+    (by_angles,) = from_boxes(turned).values()
+    (by_quaternion,) = from_boxes([*turned[:3], *by_angles.orientation, *turned[6:]]).values()
+    np.testing.assert_allclose(by_quaternion.orientation, by_angles.orientation)
+    assert by_quaternion.position == by_angles.position == turned[:3]
+    for bad in ([1, 2, 3], [*turned[:3], 1, 1, 0, 0, *turned[6:]], [*turned[:8], np.nan]):
+        with pytest.raises(FrankaArmArgumentError):
+            from_boxes(bad)
 
 
 def test_a_way_through_a_wall_is_refused_with_the_place(walled):

@@ -7,6 +7,7 @@
 #include <ctime>
 #include <deque>
 #include <functional>
+#include <numeric>
 #include <random>
 #include <utility>
 
@@ -16,6 +17,7 @@
 #include "realtime/controllers/cartesian_impedance.hpp"
 #include "realtime/controllers/joint_impedance.hpp"
 #include "realtime/robot_controllers/robot_controller.hpp"
+#include "realtime/terminations/composite.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/trajectories/min_jerk_pose.hpp"
 #include "realtime/trajectories/relative_min_jerk_joint.hpp"
@@ -984,7 +986,7 @@ class WatchedLoop : public LoopTest {
     remake();
     judge = false;  // a step of 5 ms costs no states here, but the mock's clock knows nothing of it
   }
-  // Of the parts 1, 2 and 3 the one with this number does that.
+  // Of the parts 1, 2, 3 and, within another, 4 the one with this number does that.
   SkillResult run(std::uint16_t guilty, Deed deed) {
     const auto nothing = [] {};
     auto skill = std::make_unique<Skill>();
@@ -996,7 +998,10 @@ class WatchedLoop : public LoopTest {
     skill->controller = std::make_unique<DoingController>(guilty == 2 ? deed : nothing);
     skill->terminations.push_back(std::make_unique<AfterTime>(0.4));
     skill->terminations.push_back(std::make_unique<DoingTermination>(guilty == 3 ? deed : nothing));
-    skill->numbers = {1, 2, {9, 3}};
+    Terminations within;
+    within.push_back(std::make_unique<DoingTermination>(guilty == 4 ? deed : nothing));
+    skill->terminations.push_back(std::make_unique<AnyOf>(std::move(within), std::vector<std::uint16_t>{4}));
+    skill->numbers = {1, 2, {9, 3, 8}};
     door_put(std::move(skill));
     EXPECT_TRUE(until_result());
     return results.back();
@@ -1006,7 +1011,7 @@ class WatchedLoop : public LoopTest {
 
 TEST_F(WatchedLoop, APartThatAllocatesIsNamedAndTheArmGoesOn) {
   if (!allocations::kCounts) GTEST_SKIP() << "the heap belongs to a sanitizer";
-  for (const std::uint16_t guilty : {1, 2, 3}) {
+  for (const std::uint16_t guilty : {1, 2, 3, 4}) {
     const SkillResult result = run(guilty, allocate);
     EXPECT_EQ(result.ending, Ending::kComponentFault);
     EXPECT_EQ(result.fault.why, PartFault::Why::kAllocates);
@@ -1020,7 +1025,7 @@ TEST_F(WatchedLoop, APartThatAllocatesIsNamedAndTheArmGoesOn) {
 }
 
 TEST_F(WatchedLoop, APartThatTakesTooLongIsNamed) {
-  for (const std::uint16_t guilty : {1, 2, 3}) {
+  for (const std::uint16_t guilty : {1, 2, 3, 4}) {
     const SkillResult result = run(guilty, take_5_ms);
     EXPECT_EQ(result.ending, Ending::kComponentFault);
     EXPECT_EQ(result.fault.why, PartFault::Why::kTooLong);
@@ -1056,15 +1061,15 @@ TEST_F(WatchedLoop, WhatIsNotFiniteIsNamed) {
 
 TEST_F(WatchedLoop, SaysWhichPartItIsInAndThatItIsInNone) {
   static std::atomic<std::uint32_t>* where;
-  static std::array<int, 4> seen;
+  static std::array<int, 10> seen;
   where = &in_part;
   seen = {};
   const auto look = [] { ++seen.at(where->load()); };
-  for (const std::uint16_t number : {1, 2, 3}) {
+  for (const std::uint16_t number : {1, 2, 3, 4}) {
     seen = {};
     run(number, look);
     EXPECT_GT(seen[number], 0);
-    EXPECT_EQ(seen[0] + seen[1] + seen[2] + seen[3], seen[number]);
+    EXPECT_EQ(std::accumulate(seen.begin(), seen.end(), 0), seen[number]);
     EXPECT_EQ(in_part, 0u);
   }
 }

@@ -417,12 +417,12 @@ TEST_F(KeyedSensorTest, ASkillTakesThoseOfThePublishersThatItNames) {
   only.set_topic("left");
   only.add_names("anna");
   sensors_.check(publishers, {input});
-  sensors_.bind(1, {input}, false, publishers);
+  sensors_.bind(1, {input}, false, "bob", publishers);
   auto anna = sender(anna_), bob = sender(bob_);
   publish(bob, 1, 9);
   const auto refused = [](const auto& topics) { return topics.topics_size() == 1 && topics.topics(0).refused() == 1; };
   const auto left = topic(refused);
-  EXPECT_EQ(left.why_refused(), "it is of the key \"bob\": the skill that listens takes anna");
+  EXPECT_EQ(left.why_refused(), "it is of the key \"bob\": the skill that listens takes anna (its `publishers`)");
   realtime::SensorSample sample;
   EXPECT_FALSE(input->take(sample));
   publish(anna, 1, 1);  // the number of another's is no way to make hers old
@@ -436,6 +436,21 @@ TEST_F(KeyedSensorTest, ASkillTakesThoseOfThePublishersThatItNames) {
   expect(refusal([&] { sensors_.check(publishers, {input}); }), "\"carl\" of the topic \"left\": expected names of keys");
   only.set_topic("right");
   expect(refusal([&] { sensors_.check(publishers, {input}); }), "the topic \"right\": expected one that a part of the skill listens to");
+}
+
+TEST_F(KeyedSensorTest, ASkillThatNamesNoneTakesThoseOfItsCommander) {
+  const auto input = std::make_shared<realtime::SensorInput>("left", std::vector<std::string>{"JointPositionSensorMessage"});
+  sensors_.bind(1, {input}, false, "anna");
+  auto anna = sender(anna_), bob = sender(bob_);
+  publish(bob, 1, 9);
+  topic([](const auto& topics) { return topics.topics_size() == 1 && topics.topics(0).refused() == 1; });
+  realtime::SensorSample sample;
+  EXPECT_FALSE(input->take(sample));
+  publish(anna, 1, 1);
+  topic([](const auto& topics) { return topics.topics(0).received() == 2; });
+  bool came = false;
+  for (int i = 0; !(came = input->take(sample)) && i < 10'000; ++i) std::this_thread::sleep_for(1ms);
+  EXPECT_TRUE(came);
 }
 
 TEST_F(KeyedSensorTest, OnlyPublishersThatASkillTakesOvertakeEachOther) {
@@ -454,7 +469,7 @@ TEST_F(KeyedSensorTest, OnlyPublishersThatASkillTakesOvertakeEachOther) {
     names.add_names("anna");
     if (both) names.add_names("bob");
     const std::uint64_t skill = both ? 2 : 1;
-    sensors_.bind(skill, {input}, false, publishers);
+    sensors_.bind(skill, {input}, false, "bob", publishers);
     const std::int64_t sent = since_epoch_ns(now_ns());
     say(anna, sent);
     std::this_thread::sleep_for(100ms);

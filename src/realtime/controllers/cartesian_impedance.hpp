@@ -38,7 +38,7 @@ class CartesianImpedance : public Controller {
   struct Parameters {
     Vector3 translational_stiffness;  // N/m, 0 to 3000, along the axes of the frame
     Vector3 rotational_stiffness;     // N m/rad, 0 to 300, about the axes of the frame
-    double damping_ratio;             // 0 to 3
+    double damping_ratio;             // 0.1 to 3
     double nullspace_stiffness;       // N m/rad, 0 to 100
     Frame frame = Frame::kBase;       // EE: its measured axes, turning with it
     Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();  // columns, in that frame: what stiffness is along and about

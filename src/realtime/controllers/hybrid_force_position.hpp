@@ -26,7 +26,7 @@ class HybridForcePosition : public Controller {
     Frame frame;                      // EE: its measured axes, turning with it
     Vector3 translational_stiffness;  // N/m, 0 to 3000, of the other axes
     Vector3 rotational_stiffness;     // N m/rad, 0 to 300
-    double damping_ratio;             // 0 to 3
+    double damping_ratio;             // 0.1 to 3
     double nullspace_stiffness;       // N m/rad, 0 to 100
     double gain;                      // of the force that is missing, 0 to 2
     double integral_gain;             // 1/s, 0 to 20

@@ -1,10 +1,11 @@
 #pragma once
 
-#include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <utility>
 #include <vector>
 
+#include "realtime/part_watch.hpp"
 #include "realtime/terminations/termination.hpp"
 
 namespace realtime {
@@ -14,7 +15,11 @@ using Terminations = std::vector<std::unique_ptr<Termination>>;
 // Several terminations as one. Each of them is asked in every cycle.
 class Composite : public Termination {
  public:
-  explicit Composite(Terminations parts) : parts_(std::move(parts)) {}
+  // `numbers` of their kinds, as KindNumbers has them.
+  explicit Composite(Terminations parts, std::vector<std::uint16_t> numbers = {})
+      : parts_(std::move(parts)), numbers_(std::move(numbers)), places_(parts_.size()) {
+    numbers_.resize(parts_.size());
+  }
 
   Channels judges() const noexcept override {
     Channels all = Channels::kNone;
@@ -28,17 +33,34 @@ class Composite : public Termination {
     }
     return all;
   }
+  void watched_by(PartWatch& watch) noexcept override {
+    watch_ = &watch;
+    for (const auto& part : parts_) part->watched_by(watch);
+  }
   void start() noexcept override {
-    for (const auto& part : parts_) part->start();
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      places_[i] = {};
+      const auto start = [&] { parts_[i]->start(); };
+      watch_ != nullptr ? watch_->start(places_[i], numbers_[i], start) : start();
+    }
   }
 
  protected:
   std::size_t count(const Cycle& cycle, const Progress& progress) noexcept {
-    return static_cast<std::size_t>(std::count_if(
-        parts_.begin(), parts_.end(), [&](const auto& part) { return part->step(cycle, progress); }));
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      const auto step = [&] { return parts_[i]->step(cycle, progress); };
+      count += watch_ != nullptr ? watch_->step(places_[i], numbers_[i], step) : step();
+    }
+    return count;
   }
 
   Terminations parts_;
+
+ private:
+  std::vector<std::uint16_t> numbers_;
+  std::vector<PartWatch::Place> places_;
+  PartWatch* watch_ = nullptr;
 };
 
 // Ends when one of them would.

@@ -7,6 +7,8 @@
 
 namespace realtime {
 
+class PartWatch;
+
 // What a termination may look at, beside the cycle.
 struct Progress {
   const TrajectoryGenerator& trajectory;
@@ -29,6 +31,9 @@ class Termination : public Part {
   // What the arm does where this has ended the skill. One that has such an ending looks at what is measured alone, and is asked
   // before anything is commanded in the cycle; null: it is asked afterwards, and the reference is braked to rest.
   virtual SoftEnding* then() noexcept { return nullptr; }
+
+  // For those that consist of others: by what each of these is watched; before start(). It outlives them.
+  virtual void watched_by(PartWatch&) noexcept {}
 
   virtual void start() noexcept {}
   virtual bool step(const Cycle& cycle, const Progress& progress) noexcept = 0;

@@ -38,16 +38,19 @@ realtime::Judged judged(const Message& m) {
   return m.judged() == proto::FinalJoint::ARM ? realtime::Judged::kArm : realtime::Judged::kReference;
 }
 
-realtime::Terminations parts(const google::protobuf::RepeatedPtrField<google::protobuf::Any>& of, const realtime::Arm& arm) {
+template <class Composite>
+Composite* composite(const google::protobuf::RepeatedPtrField<google::protobuf::Any>& of, const realtime::Arm& arm) {
   if (of.empty()) throw std::invalid_argument("of is empty: expected at least one termination");
   realtime::Terminations parts;
+  std::vector<std::uint16_t> numbers;
   for (const auto& each : of) {
     parts.push_back(make_termination(each, arm));
+    numbers.push_back(number_of(kind_of(each)));
     if (SoftEnding* then = parts.back()->then(); then != nullptr && then->what != realtime::AfterContact::kHeld) {
       throw std::invalid_argument(kind_of(each) + ".then is looked at only where it ends the skill by itself: give it beside this one");
     }
   }
-  return parts;
+  return new Composite(std::move(parts), std::move(numbers));
 }
 
 }  // namespace
@@ -89,10 +92,10 @@ std::vector<Kind<realtime::Termination>>& terminations() {
       }),
       termination<proto::Never>([](const auto&, const auto&) { return new realtime::Never; }),
       termination<proto::AnyOf>([](const auto& m, const auto& arm) {
-        return new realtime::AnyOf(parts(m.of(), arm));
+        return composite<realtime::AnyOf>(m.of(), arm);
       }),
       termination<proto::AllOf>([](const auto& m, const auto& arm) {
-        return new realtime::AllOf(parts(m.of(), arm));
+        return composite<realtime::AllOf>(m.of(), arm);
       }),
       termination<proto::SensorSays>([](const auto& m, const auto&) { return new realtime::SensorSays(m.topic()); }),
       termination<proto::Silence>([](const auto& m, const auto&) { return new realtime::Silence(m.topic(), m.seconds()); }),
