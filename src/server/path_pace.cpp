@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "realtime/tick.hpp"
+
 namespace server {
 namespace {
 
@@ -44,7 +46,7 @@ double room(const Derivatives& d, double square, const models::Limits& limits) {
   return 2 * least;
 }
 
-// The least within `width` to either side, averaged twice over half of that: nowhere above what it was.
+// The least within `width` to either side (at most all there is), averaged twice over half of that: nowhere above what it was.
 std::vector<double> smoothed(const std::vector<double>& x, std::size_t width) {
   const auto window = [&](const std::vector<double>& from, std::size_t half, auto reduce) {
     std::vector<double> out(from.size());
@@ -73,6 +75,7 @@ std::vector<double> smoothed(const std::vector<double>& x, std::size_t width) {
 }  // namespace
 
 std::optional<realtime::Pace> pace_along(const SampledWay& way, const models::Limits& limits, double share) {
+  if (way.duration < realtime::kTick) return std::nullopt;
   const std::size_t last = way.q.size() - 1;
   const double step = way.duration / static_cast<double>(last);
   const std::vector<Derivatives> d = derivatives(way.q, step);
@@ -94,7 +97,7 @@ std::optional<realtime::Pace> pace_along(const SampledWay& way, const models::Li
   }
   std::vector<double> rate(square.size());
   std::transform(square.begin(), square.end(), rate.begin(), [](double x) { return std::sqrt(x); });
-  rate = smoothed(rate, std::max(kLeastSmoothing, static_cast<std::size_t>(std::lround(kSmoothing / step))));
+  rate = smoothed(rate, std::clamp(static_cast<std::size_t>(std::lround(kSmoothing / step)), kLeastSmoothing, last));
 
   realtime::Pace pace;
   for (std::size_t k = 0; k <= last; ++k) {

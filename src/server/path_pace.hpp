@@ -16,7 +16,7 @@ struct SampledWay {
 };
 
 // The pace at which joints go along it within these rates and with what `share` of the limits of their acceleration and jerk
-// allows; to slow down and go faster they use what is left of their acceleration. None where the path needs none. (Time
+// allows; to slow down and go faster they use what is left of their acceleration. None where the path needs none, or is over within a cycle. (Time
 // parametrization by a forward and a backward pass over the square of the rate, as in Pham and Pham, "A new approach to
 // time-optimal path parameterization based on reachability analysis", 2018; afterwards smoothed, as jerk is limited too.)
 std::optional<realtime::Pace> pace_along(const SampledWay& way, const models::Limits& limits, double share);

@@ -7,6 +7,7 @@
 #include "realtime/pose_joints.hpp"
 #include "realtime/tool.hpp"
 #include "realtime/trajectories/paced.hpp"
+#include "server/path_pace.hpp"
 #include "server/refused.hpp"
 #include "tests/realtime/at_home.hpp"
 #include "tests/realtime/singular_posture.hpp"
@@ -74,6 +75,45 @@ TEST_F(SkillBuilderTest, APostureIsOneThatTheArmCanTakeWhereItCan) {
   EXPECT_TRUE(error_of(skill).ends_with("the robot makes the joints of a pose: use TORQUE")) << error_of(skill);
   controller.set_posture(3, 0.2);
   EXPECT_TRUE(error_of(skill_of(pose_motion(0.05, 0, -0.1), controller)).starts_with("CartesianImpedance: posture[3] is 0.2 rad: expected "));
+}
+
+// However near to its goal it begins: what is left of a motion in its first or last cycles may be less than numbers can tell.
+TEST_F(SkillBuilderTest, AMotionThatIsThereAlreadyIsBuilt) {
+  now_.command.message_id = 1;
+  now_.reference.motion = realtime::Channels::kJoint;
+  proto::TimeOptimalJoint joints;
+  for (const double q : models::kHome) joints.add_q(q);
+  proto::TimeOptimalPose pose;
+  const Eigen::Isometry3d O_T_EE = realtime::pose(now_.state.O_T_EE);
+  for (const double each : O_T_EE.translation()) pose.add_position(each);
+  const Eigen::Quaterniond turn(O_T_EE.linear());
+  for (const double each : {turn.w(), turn.x(), turn.y(), turn.z()}) pose.add_quaternion(each);
+  for (int exponent = 0; exponent <= 20; ++exponent) {
+    const double away = exponent == 0 ? 0 : std::pow(10, -exponent);
+    now_.reference.joint.q = realtime::Vector7::Map(models::kHome.data()).array() + away;
+    now_.reference.joint.dq.setConstant(1e-2 * away);
+    now_.reference.joint.ddq.setConstant(1e-4 * away);
+    EXPECT_EQ(error_of(skill_of(joints, proto::JointImpedance())), "no error") << away;
+    EXPECT_EQ(error_of(skill_of(pose, proto::CartesianImpedance())), "no error") << away;
+  }
+}
+
+// As of a motion that is asked for in the first cycles of another one from the same place: its speed is rounding.
+TEST(PaceAlong, WhatIsOverWithinACycleHasNone) {
+  SampledWay way{0, {}, {}};
+  for (int k = 0; k <= 100; ++k) {
+    way.q.push_back(realtime::Vector7::Constant(k % 2 * 1e-16));
+    way.rate.push_back(k == 50 ? 0.5 : 1);
+  }
+  for (const double duration : {0., 1e-300, 1e-15, 1e-9, 9e-4}) {
+    way.duration = duration;
+    EXPECT_FALSE(pace_along(way, fr3_limits(), 1)) << duration;
+  }
+  way.duration = 2e-3;
+  const auto pace = pace_along(way, fr3_limits(), std::numeric_limits<double>::infinity());
+  ASSERT_TRUE(pace);
+  EXPECT_EQ(pace->places.size(), way.q.size());
+  EXPECT_NEAR(pace->places.back().time, 4e-3, 1e-6);
 }
 
 TEST_F(SkillBuilderTest, MissingPartsAreNamed) {
