@@ -23,7 +23,7 @@ BAD = [
     (proto.MinJerkPose(position=[0.3, 0, 0.5], quaternion=[1, 1, 0, 0]), "norm 1.41421: expected a unit quaternion"),
     (proto.RelativeMinJerkPose(translation=[0, 0, 0], quaternion=[0] * 4), "norm 0: expected a unit quaternion"),
     (proto.JointImpedance(stiffness=[4000] * 7), r"stiffness\[0\] is 4000 N m/rad: expected 0 to 3000 N m/rad"),
-    (proto.CartesianImpedance(damping_ratio=-1), "damping_ratio is -1: expected 0 to 3"),
+    (proto.CartesianImpedance(damping_ratio=-1), "damping_ratio is -1: expected 0.1 to 3"),
     (proto.CartesianImpedance(translational_stiffness=[1, 2]), "has 2 elements: expected 3"),
     (proto.InternalImpedance(K_x=[0.5] * 6), r"K_x\[0\] is 0.5 N/m, N m/rad: expected 1 to 3000"),
     (proto.Time(seconds=-1), "Time.seconds is -1 s: expected 0 to 1000000000 s"),
