@@ -12,9 +12,9 @@ file(GLOB_RECURSE part_headers CONFIGURE_DEPENDS RELATIVE ${CMAKE_SOURCE_DIR}
   src/realtime/controllers/*.hpp src/realtime/terminations/*.hpp src/realtime/trajectories/*.hpp wire/fci/*.hpp)
 list(APPEND part_headers
   models/arm.hpp models/joint_figures.hpp src/bridge/ring.hpp src/realtime/arm.hpp src/realtime/check.hpp src/realtime/cycle.hpp
-  src/realtime/joint_range.hpp src/realtime/model.hpp src/realtime/part.hpp src/realtime/part_watch.hpp src/realtime/reference.hpp src/realtime/rotation.hpp
-  src/realtime/ruckig_planner.hpp src/realtime/sensor_input.hpp src/realtime/slow.hpp src/realtime/soft_ending.hpp
-  src/realtime/tick.hpp src/realtime/tool.hpp
+  src/realtime/joint_range.hpp src/realtime/model.hpp src/realtime/part.hpp src/realtime/part_watch.hpp src/realtime/reference.hpp
+  src/realtime/rotation.hpp src/realtime/ruckig_planner.hpp src/realtime/sensor_input.hpp src/realtime/slow.hpp
+  src/realtime/soft_ending.hpp src/realtime/tick.hpp src/realtime/tool.hpp
   src/robot/collision_behavior.hpp src/robot/mode.hpp src/server/arm_at_home.hpp src/server/kinds/kind.hpp src/server/part.hpp
   wire/proto/rules.proto wire/proto/validation.hpp)
 

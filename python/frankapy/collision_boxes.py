@@ -4,6 +4,7 @@ published interface's boxes. The server's own walls (docs/walls.md) are checked 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,11 @@ def as_box(box: Any) -> tuple[np.ndarray, np.ndarray]:
     return pose, box[-3:]
 
 
+def as_boxes(boxes: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return pose and size of each box, as `as_box`; (n, 9) or (n, 10), one row may be given without brackets."""
+    return [as_box(row) for row in table("boxes", boxes, 10 if np.shape(boxes)[-1:] == (10,) else 9)]
+
+
 def _check_sizes(sizes: np.ndarray) -> None:
     for size in sizes[(sizes < 0).any(axis=1)]:
         raise FrankaArmArgumentError(f"box has the size {size}: expected at least 0 m along each axis")
@@ -114,8 +120,13 @@ def meet(pose: np.ndarray, size: np.ndarray, other: np.ndarray, other_size: np.n
 
 def arm_meets(box: Any, joints: np.ndarray) -> bool:
     """Return whether the arm at `joints` (rad, (7,)) meets a box (see `as_box`)."""
-    pose, size = as_box(box)
-    return any(meet(pose, size, own, own_size) for own, own_size in zip(poses_at(joints), SHAPES, strict=True))
+    return arm_meets_any([as_box(box)], joints)
+
+
+def arm_meets_any(boxes: Sequence[tuple[np.ndarray, np.ndarray]], joints: np.ndarray) -> bool:
+    """Return whether the arm at `joints` (rad, (7,)) meets one of some boxes, of which there are poses and sizes."""
+    own = list(zip(poses_at(joints), SHAPES, strict=True))
+    return any(meet(pose, size, *each) for pose, size in boxes for each in own)
 
 
 def behind(walls: Any, points: Floats, whole_wall: bool = False) -> tuple[int, int] | None:

@@ -1172,9 +1172,8 @@ class FrankaArm:
 
         At `joints` (rad, (7,)), None: where the arm is.
         """
-        boxes = FC.WORKSPACE_WALLS if boxes is None else boxes
-        joints, boxes = self._joints_or_now(joints), table("boxes", boxes, 10 if np.shape(boxes)[-1:] == (10,) else 9)
-        return any(collision_boxes.arm_meets(box, joints) for box in boxes)
+        placed = collision_boxes.as_boxes(FC.WORKSPACE_WALLS if boxes is None else boxes)
+        return collision_boxes.arm_meets_any(placed, self._joints_or_now(joints))
 
     # --- of scripts for ROS --------------------------------------------------------------------------------------
 

@@ -121,7 +121,8 @@ def _messages(arm: FrankaArm) -> Finding:
     trips = []
     with arm.publisher(_TOPIC) as publisher:
         for _ in range(_MESSAGES):
-            arm.run(parts.StayJoint(_HOLD), parts.JointImpedance(), parts.SensorSays(_TOPIC), block=False)
+            until = [parts.SensorSays(_TOPIC), parts.Time(_HOLD)]  # its way may be barred
+            arm.run(parts.StayJoint(_HOLD), parts.JointImpedance(), until, block=False)
             time.sleep(0.1)
             begin = time.perf_counter()
             publisher.publish(proto.ShouldTerminateSensorMessage(should_terminate=True))

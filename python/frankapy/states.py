@@ -204,9 +204,7 @@ def as_dictionary(state: proto.ArmState) -> RobotState:
         twist = np.array(robot.O_dP_EE_c)
     else:  # the robot is commanded none
         twist = kinematics.jacobian(np.array(robot.q), np.zeros(3)) @ np.array(robot.dq)
-    values = RobotState()
-    values.age = state.age
-    values |= {
+    values: dict[str, Any] = {
         "cartesian_velocities": twist,
         "pose": franka_pose_to_rigid_transform(robot.O_T_EE),
         "pose_desired": franka_pose_to_rigid_transform(robot.O_T_EE_d),
@@ -219,4 +217,6 @@ def as_dictionary(state: proto.ArmState) -> RobotState:
         "gripper_is_grasped": state.gripper.is_grasped if has_hand else False,
         "ee_force_torque": np.array(robot.O_F_ext_hat_K),
     }
-    return values
+    dictionary = RobotState(values)
+    dictionary.age = state.age
+    return dictionary

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from frankapy import proto
-from frankapy.collision_boxes import as_box
+from frankapy.collision_boxes import as_boxes
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import flag, number, table, validate, vector
+from frankapy.validation import flag, number, validate, vector
 
 logger = logging.getLogger("frankapy")
 
@@ -40,9 +40,8 @@ def from_boxes(boxes: Any, name: str = "box") -> dict[str, proto.Wall]:
 
     Each is centre x, y, z, roll, pitch, yaw about fixed axes or a quaternion w, x, y, z, and size; m, rad, (n, 9) or (n, 10).
     """
-    rows = table("boxes", boxes, 10 if np.shape(boxes)[-1:] == (10,) else 9)
-    placed = [as_box(row) for row in rows]
-    return {f"{name} {i}": Box(list(size), RigidTransform(pose[:3, :3], pose[:3, 3])) for i, (pose, size) in enumerate(placed, 1)}
+    placed = enumerate(as_boxes(boxes), 1)
+    return {f"{name} {i}": Box(list(size), RigidTransform(pose[:3, :3], pose[:3, 3])) for i, (pose, size) in placed}
 
 
 def Sphere(radius: float, centre: Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802

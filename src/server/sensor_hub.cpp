@@ -283,8 +283,9 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
     return refuse(topic, invalid.what());
   }
   if (heard && !taken) {
-    refuse(topic, expected.empty() ? fmt::format("it is of the key \"{}\": the skill that listens takes {} (its `publishers`)", from.name, publishers)
-                                   : fmt::format("it is {}: expected {}", kind, expected));
+    refuse(topic, !expected.empty() ? fmt::format("it is {}: expected {}", kind, expected)
+                                    : fmt::format("it is of the key \"{}\": the skill that listens takes {} (its `publishers`)",
+                                                  from.name, publishers));
   }
   if (topic.newest_ns.size() >= kMaxKinds) topic.newest_ns.clear();
   std::int64_t& newest = topic.newest_ns[kind][from.name];

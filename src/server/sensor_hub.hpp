@@ -42,8 +42,8 @@ class SensorHub {
   void check(const Publishers& publishers, const Inputs& inputs) const;
   // From now on, until release(), messages of these publishers get into these inputs of a skill, and over topics that they do not
   // have those of its commander's key; without keys everybody's. Into those of one that is queued only while no skill before it
-  // listens to their topic. The least timeout of these inputs is that of all that share its topic:
-  // what took longer than that on its way, beside the quickest of its publisher, tells them nothing any more.
+  // listens to their topic. The least timeout of these inputs is that of all that share its topic: what took longer than that on
+  // its way, beside the quickest of its publisher, tells them nothing any more.
   void bind(std::uint64_t skill, Inputs inputs, bool queued, const std::string& commander = "", const Publishers& publishers = {});
   void release(std::uint64_t skill);
   void release(std::uint64_t skill, const Inputs& inputs);

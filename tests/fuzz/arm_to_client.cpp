@@ -19,6 +19,7 @@
 
 #include "robot/fci_driver.hpp"
 #include "robot/gripper_client.hpp"
+#include "require.hpp"
 #include "script.hpp"
 #include "wire/fci/gripper.hpp"
 #include "wire/fci/service.hpp"
@@ -29,11 +30,7 @@ enum Step { kTcp, kUdp, kSteps };
 constexpr std::size_t kConnectSize = 16;  // of the robot's; the hand's has two bytes less
 constexpr int kMostStates = 200;
 
-void require(bool holds, const char* what) {
-  if (holds) return;
-  std::fprintf(stderr, "%s\n", what);
-  std::abort();
-}
+using fuzz::require;
 
 // A peer that says to each client what the script says, and hangs up.
 class Peer {

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "models/arm.hpp"
+#include "require.hpp"
 #include "script.hpp"
 #include "sim/door/gripper_server.hpp"
 #include "sim/door/robot_server.hpp"
@@ -28,11 +29,7 @@ enum Step { kRobotTcp, kRobotUdp, kRobotCommand, kCycles, kNewRobotClient, kGrip
 constexpr std::int64_t kPeriod = 1'000'000;  // ns
 constexpr int kMostCycles = 64;              // in one step
 
-void require(bool holds, const char* what) {
-  if (holds) return;
-  std::fprintf(stderr, "%s\n", what);
-  std::abort();
-}
+using fuzz::require;
 
 // The sockets of one client, which never waits.
 struct Client {

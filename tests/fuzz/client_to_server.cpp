@@ -5,9 +5,6 @@
 
 #include <array>
 #include <chrono>
-#include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <memory>
 #include <span>
 #include <string>
@@ -17,6 +14,7 @@
 #include "frankapy/proto/service.pb.h"
 #include "models/arm.hpp"
 #include "realtime/loop.hpp"
+#include "require.hpp"
 #include "script.hpp"
 #include "server/publisher.hpp"
 #include "server/recorder.hpp"
@@ -40,11 +38,8 @@ constexpr int kCyclesToEnd = 20'000;
 const models::Arm& kArm = models::arm("fr3");
 constexpr fci::Version kVersion = 10;
 
-void require(bool holds, const std::string& what) {
-  if (holds) return;
-  std::fprintf(stderr, "%s\n", what.c_str());
-  std::abort();
-}
+using fuzz::are_numbers;
+using fuzz::require;
 
 std::unique_ptr<realtime::Model> make_model() { return std::make_unique<realtime::Model>(models::urdf(kArm, kVersion)); }
 
@@ -150,13 +145,13 @@ class Server {
         proto::Reply reply;
         require(reply.ParseFromArray(message.data(), static_cast<int>(message.size())), "an answer that is none");
         require(reply.has_request_id() && reply.answer_case() != proto::Reply::ANSWER_NOT_SET, "an empty answer");
-        require(!reply.has_error() || !reply.error().message().empty(), "an error that says nothing: " + reply.ShortDebugString());
+        require(!reply.has_error() || !reply.error().message().empty(), "an error that says nothing");
         if (reply.request_id() == id) return reply;
         continue;
       }
       if (loop_) cycles(1);
       std::this_thread::sleep_for(50us);
-      require(Clock::now() < until, "no answer to request " + std::to_string(id));
+      require(Clock::now() < until, "no answer to a request");
     }
   }
 
@@ -186,16 +181,10 @@ class Server {
 
   void look() const {
     const fci::RobotCommand& command = robot_->command;
-    const auto numbers = [](const auto& values) {
-      for (const double value : values) {
-        if (!std::isfinite(value)) return false;
-      }
-      return true;
-    };
-    require(numbers(command.q_c) && numbers(command.dq_c) && numbers(command.O_T_EE_c) && numbers(command.O_dP_EE_c) &&
-                numbers(command.elbow_c) && numbers(command.tau_J_d),
+    require(are_numbers(command.q_c) && are_numbers(command.dq_c) && are_numbers(command.O_T_EE_c) &&
+                are_numbers(command.O_dP_EE_c) && are_numbers(command.elbow_c) && are_numbers(command.tau_J_d),
             "a command that is no number");
-    if (!robot_->obeyed()) require(false, robot_->judgement());
+    if (!robot_->obeyed()) require(false, robot_->judgement().c_str());
   }
 
   zmq::context_t context_;

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "models/arm.hpp"
+#include "require.hpp"
 #include "script.hpp"
 #include "sim/door/control/control_calls.hpp"
 
@@ -23,11 +24,8 @@ namespace {
 
 constexpr std::uint32_t kMostCycles = 200;  // in one call
 
-void require(bool holds, const char* what) {
-  if (holds) return;
-  std::fprintf(stderr, "%s\n", what);
-  std::abort();
-}
+using fuzz::are_numbers;
+using fuzz::require;
 
 // Time that does not wait for the wall's, and lets others have the processor.
 class Haste final : public sim::Clock {
@@ -110,12 +108,9 @@ class Arm {
 
   void look() {
     const fci::RobotState& state = cell_->robot(0).state();
-    const auto numbers = [](const auto& values) {
-      return std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); });
-    };
     require(!cell_->robot(0).moving(), "a motion without a Move");
-    require(numbers(state.q) && numbers(state.dq) && numbers(state.tau_J), "a state that is no number");
-    require(numbers(cell_->world().qpos()), "a place that is no number");
+    require(are_numbers(state.q) && are_numbers(state.dq) && are_numbers(state.tau_J), "a state that is no number");
+    require(are_numbers(cell_->world().qpos()), "a place that is no number");
   }
 
   Haste clock_;

@@ -1,13 +1,14 @@
 """Independent programs as clients of the simulated arm; writes docs/clients.md."""
 
 import dataclasses
+import functools
 import subprocess
 import tempfile
 import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from peer import REPOSITORY, Result, environment, free_address, not_installed
+from peer import NOT_INSTALLED, REPOSITORY, Result, free_address, run_installed
 from world import World
 
 SCRIPTS = REPOSITORY / "tests" / "interop" / "clients"
@@ -117,22 +118,19 @@ def write_table(results: list[Result]) -> None:
     TABLE.write_text("\n".join(lines) + "\n")
 
 
+def try_modes(client: Client, program: Path, modes: Iterable[str], python: Path) -> Iterator[Result]:
+    """Let a client try with an arm in each of these."""
+    for mode in modes:
+        yield from try_client(client, python, program, mode)
+
+
 def run(build: Path, modes: Iterable[str] = MODES) -> Iterator[Result]:
     """Every client, with the arm in real time and in lockstep."""
     program = build / "bin" / "fci-sim"
     results = []
-    missing = False
     for client in CLIENTS:
-        try:
-            python = environment(client.name, client.version)
-        except OSError as error:
-            missing = True
-            yield not_installed(client.peer, error)
-            continue
-        for mode in modes:
-            for result in try_client(client, python, program, mode):
-                if mode == "lockstep":
-                    results.append(result)
-                yield result
-    if not missing:
-        write_table(results)
+        for result in run_installed(client.name, client.version, functools.partial(try_modes, client, program, modes)):
+            results.append(result)
+            yield result
+    if not any(result.capability == NOT_INSTALLED for result in results):
+        write_table([result for result in results if result.mode == "lockstep"])

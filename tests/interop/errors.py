@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from peer import NOT_INSTALLED, REPOSITORY, Result, environment, free_address, not_installed
+from peer import NOT_INSTALLED, REPOSITORY, Result, free_address, run_installed
 
 SCRIPTS = REPOSITORY / "tests" / "interop" / "clients"
 TABLE = REPOSITORY / "docs" / "errors.md"
@@ -102,11 +102,11 @@ def run(build: Path) -> Iterator[Result]:
 
     def results_of(client: tuple[str, str, str, str]) -> list[Result]:
         name, version, script, robot = client
-        try:
-            python = environment(name, version)
-        except OSError as error:
-            return [not_installed(f"{name} {version}", error)]
-        return list(try_client(f"{name} {version}", python, script, robot, build / "bin" / "fci-sim"))
+
+        def tries(python: Path) -> Iterator[Result]:
+            return try_client(f"{name} {version}", python, script, robot, build / "bin" / "fci-sim")
+
+        return list(run_installed(name, version, tries))
 
     with ThreadPoolExecutor() as side_by_side:
         results = [result for some in side_by_side.map(results_of, CLIENTS) for result in some]

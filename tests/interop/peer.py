@@ -9,7 +9,7 @@ import random
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -33,9 +33,14 @@ class Result:
     excuse: str = ""
 
 
-def not_installed(peer: str, error: OSError) -> Result:
-    """What is said of a program that cannot be had: the others run."""
-    return Result(peer, "", NOT_INSTALLED, False, str(error))
+def run_installed(name: str, version: str, run: Callable[[Path], Iterable[Result]]) -> Iterator[Result]:
+    """What `run` gives with the Python of a program; where that cannot be had, a row that says so: the others run."""
+    try:
+        python = environment(name, version)
+    except OSError as error:
+        yield Result(f"{name} {version}", "", NOT_INSTALLED, False, str(error))
+        return
+    yield from run(python)
 
 
 def environment(name: str, version: str) -> Path:

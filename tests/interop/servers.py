@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import subprocess
 import sys
 import tempfile
@@ -9,7 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from peer import REPOSITORY, Result, environment, free_address, is_taken, not_installed
+from peer import REPOSITORY, Result, free_address, is_taken, run_installed
 
 MOTIONS = REPOSITORY / "tests" / "interop" / "motions.py"
 START_TIME, TIME = 120, 240  # s
@@ -108,9 +109,4 @@ def try_server(server: Server, python: Path, build: Path) -> Iterator[Result]:
 def run(build: Path) -> Iterator[Result]:
     """Every peer."""
     for server in (FRANKY_SIM, FRANKA_SIM):
-        try:
-            python = environment(server.name, server.version)
-        except OSError as error:
-            yield not_installed(server.peer, error)
-            continue
-        yield from try_server(server, python, build)
+        yield from run_installed(server.name, server.version, functools.partial(try_server, server, build=build))

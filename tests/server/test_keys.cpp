@@ -388,6 +388,12 @@ class KeyedSensorTest : public KeyedTransportTest {
     message.mutable_message()->PackFrom(joints);
     sender.socket.send(zmq::buffer(message.SerializeAsString()), zmq::send_flags::none);
   }
+  static bool comes(realtime::SensorInput& input) {
+    realtime::SensorSample sample;
+    bool came = false;
+    for (int i = 0; !(came = input.take(sample)) && i < 10'000; ++i) std::this_thread::sleep_for(1ms);
+    return came;
+  }
   proto::Topics::Topic topic(const std::function<bool(const proto::Topics&)>& once) {
     for (;;) {
       proto::Topics topics;
@@ -428,9 +434,7 @@ TEST_F(KeyedSensorTest, ASkillTakesThoseOfThePublishersThatItNames) {
   publish(anna, 1, 1);  // the number of another's is no way to make hers old
   topic([](const auto& topics) { return topics.topics(0).received() == 2; });
   EXPECT_EQ(topic([](const auto&) { return true; }).out_of_order(), 0U);
-  bool came = false;
-  for (int i = 0; !(came = input->take(sample)) && i < 10'000; ++i) std::this_thread::sleep_for(1ms);
-  EXPECT_TRUE(came);
+  EXPECT_TRUE(comes(*input));
 
   only.add_names("carl");
   expect(refusal([&] { sensors_.check(publishers, {input}); }), "\"carl\" of the topic \"left\": expected names of keys");
@@ -448,9 +452,7 @@ TEST_F(KeyedSensorTest, ASkillThatNamesNoneTakesThoseOfItsCommander) {
   EXPECT_FALSE(input->take(sample));
   publish(anna, 1, 1);
   topic([](const auto& topics) { return topics.topics(0).received() == 2; });
-  bool came = false;
-  for (int i = 0; !(came = input->take(sample)) && i < 10'000; ++i) std::this_thread::sleep_for(1ms);
-  EXPECT_TRUE(came);
+  EXPECT_TRUE(comes(*input));
 }
 
 TEST_F(KeyedSensorTest, OnlyPublishersThatASkillTakesOvertakeEachOther) {

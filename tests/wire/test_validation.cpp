@@ -96,7 +96,8 @@ TEST(Validation, RefusesWhatANewerClientSends) {
 }
 
 TEST(Validation, TextIsUtf8) {
-  for (const std::string& bad : std::vector<std::string>{"\xff", "\xc3", "\xc0\x80", "\xed\xa0\x80", "\xf5\x80\x80\x80", "a\x80", std::string(1, '\0')}) {
+  using namespace std::string_literals;
+  for (const auto& bad : {"\xff"s, "\xc3"s, "\xc0\x80"s, "\xed\xa0\x80"s, "\xf5\x80\x80\x80"s, "a\x80"s, "a\0"s}) {
     proto::Skill skill;
     skill.set_description(bad);
     EXPECT_EQ(error_of(std::move(skill)), "Skill.description is not UTF-8 text, or has NUL in it");
