@@ -3,6 +3,7 @@ published interface's boxes. The server's own walls (docs/walls.md) are checked 
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from typing import Any
@@ -137,19 +138,28 @@ def behind(walls: Any, points: Floats, whole_wall: bool = False) -> tuple[int, i
         points: m, in the base, (m, 3).
         whole_wall: also what is in the half of it that is nearer to the base.
     """
-    boxes = table("walls", walls, 9)
+    outward, distance, half = _planes(table("walls", walls, 9).tobytes())
+    found = (points @ outward.T >= distance - (half if whole_wall else 0)) & (distance != 0)
+    if not found.any():
+        return None
+    number = int(found.any(axis=0).argmax())
+    return number, int(found[:, number].argmax())
+
+
+@functools.lru_cache(maxsize=8)
+def _planes(walls: bytes) -> tuple[Floats, Floats, Floats]:
+    """Return the middle planes of walls, the bytes of an (n, 9) array: normals away from the base, distances from it; half thicknesses.
+
+    Every motion asks for those of the same walls.
+    """
+    boxes = np.frombuffer(walls).reshape(-1, 9)
     sizes = boxes[:, 6:]
     _check_sizes(sizes)
     thin = sizes.argmin(axis=1)
     rows = np.arange(len(boxes))
     normal = rotation_from_rpy(boxes[:, 3:6])[rows, :, thin]
-    distance = (normal * boxes[:, :3]).sum(axis=1)  # of the wall's middle plane from the base, which may be on either side
-    beyond = np.abs(distance) - (sizes[rows, thin] / 2 if whole_wall else 0)
-    found = (points @ (normal * np.sign(distance)[:, None]).T >= beyond) & (distance != 0)
-    if not found.any():
-        return None
-    number = int(found.any(axis=0).argmax())
-    return number, int(found[:, number].argmax())
+    distance = (normal * boxes[:, :3]).sum(axis=1)  # either side of the base
+    return normal * np.sign(distance)[:, None], np.abs(distance), sizes[rows, thin] / 2
 
 
 def corners_at(joints: Floats) -> Floats:

@@ -384,7 +384,7 @@ class FrankaArm:
         cartesian_impedances: Numbers | None = None, joint_impedances: Numbers | None = None,
         block: bool = True, ignore_errors: bool = True, ignore_virtual_walls: bool = False, skill_desc: str = "GoToPoseDelta",
     ) -> None:  # fmt: skip
-        """Move the tool by a difference from where it is.
+        """Move the tool by a difference from where it is; in a sequence, from where the motion before ends.
 
         Arguments, return and errors are those of `goto_pose`, but for:
 
@@ -403,10 +403,10 @@ class FrankaArm:
         if in_tool:
             delta = tool @ delta @ np.linalg.inv(tool)
         if not ignore_virtual_walls and self._connection is not None:
-            now = self.get_pose(include_tool_offset=False).matrix
-            goal = now @ delta
+            start = self._start_of_next()
+            goal = start @ delta
             if not in_tool:
-                goal[:3, 3] = now[:3, 3] + delta[:3, 3]
+                goal[:3, 3] = start[:3, 3] + delta[:3, 3]
             self._check_walls("goto_pose_delta", tool_base=goal[None, :3, 3], tool=(goal @ tool)[None, :3, 3])
         self._run(
             proto.RelativeMinJerkPose(
@@ -1238,6 +1238,15 @@ class FrankaArm:
 
     def _rest_range(self) -> tuple[np.ndarray, np.ndarray]:
         return reach.rest_range(None if self._connection is None else self._connection.welcome.limits)
+
+    def _start_of_next(self) -> np.ndarray:
+        """Return the end-effector frame in the base where the next motion begins: (4, 4); in a sequence where the one before ends."""
+        started = self._motions.before_next()
+        if started is None:
+            return self.get_pose(include_tool_offset=False).matrix
+        if started.goal_q:
+            return poses.tool_frames(np.array(started.goal_q), self._tool_delta_pose.matrix)[1]
+        return np.reshape(started.goal_O_T_EE, (4, 4)).T
 
     def _check_walls(self, what: str, **points: np.ndarray) -> None:
         collision_boxes.check(FC.WORKSPACE_WALLS, what, **points)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -119,9 +120,8 @@ def robot_controllers(trajectory: str, controller: str) -> list[str]:
 
 def check_fit(trajectory: Message, controller: Message, robot_controller: str = "auto") -> None:
     """Raise FrankaArmArgumentError with what would fit when these parts do not run together; parts of plug-ins the server knows."""
-    known = {descriptor.full_name for _, descriptor in kinds()}
     motion, law = trajectory.DESCRIPTOR, controller.DESCRIPTOR
-    if motion.full_name not in known or law.full_name not in known:
+    if motion.full_name not in _full_names() or law.full_name not in _full_names():
         return
     fitting = robot_controllers(motion.name, law.name)
     if not fitting:
@@ -134,6 +134,7 @@ def check_fit(trajectory: Message, controller: Message, robot_controller: str = 
         )
 
 
+@functools.cache
 def _kind_rule(name: str) -> rules_pb2.KindRule:
     return getattr(proto, name).DESCRIPTOR.GetOptions().Extensions[rules_pb2.kind]
 
@@ -159,6 +160,11 @@ def kinds(role: str | None = None) -> Iterator[tuple[str, Descriptor]]:
         if role in (None, each):
             for descriptor in module.DESCRIPTOR.message_types_by_name.values():
                 yield each, descriptor
+
+
+@functools.cache
+def _full_names() -> frozenset[str]:
+    return frozenset(descriptor.full_name for _, descriptor in kinds())
 
 
 def make(kind: str, /, *arguments: Any, **named: Any) -> Message:

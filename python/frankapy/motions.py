@@ -41,7 +41,8 @@ class Motion:
         self.led = led
         self.judged = False
         self.ended: proto.SkillResult | None = None  # how, once it was judged
-        self.id = int(call.first().skill_started.skill_id)  # at the server
+        self.started: proto.SkillStarted = call.first().skill_started
+        self.id = int(self.started.skill_id)  # at the server
         self.recovery = call.request.start_skill.skill.recovery
         self._server = server
         self._pid = os.getpid()
@@ -124,9 +125,8 @@ class Motions:
                 "fa.stop_skill() stops it, fa.run(..., preempt=True) takes over from it"
             )
         start = proto.StartSkill(skill=skill, preempt=preempt)
-        before = sequence.motions[-1][0] if sequence is not None and sequence.motions else self.running
-        if sequence is not None and before is not None:
-            start.after, start.blend = before.id, sequence.blend
+        if sequence is not None and (before := self.before_next()) is not None:
+            start.after, start.blend = before.skill_id, sequence.blend
         request = proto.Request(start_skill=start)
         try:
             call = self._server.start(request)
@@ -140,6 +140,13 @@ class Motions:
         if sequence is not None:
             sequence.motions.append((motion, ignore_errors))
         return motion
+
+    def before_next(self) -> proto.SkillStarted | None:
+        """Return what the server said of the motion that the next one of a sequence waits for; None without one."""
+        if self.sequence is None:
+            return None
+        motion = self.sequence.motions[-1][0] if self.sequence.motions else self.running
+        return None if motion is None else motion.started
 
     def change(self, trajectory: Message | None, controller: Message | None, until: Message | Sequence[Message]) -> None:
         """Give the motion that runs other parts; None and () leave what it has."""

@@ -56,16 +56,18 @@ def flag(name: str, value: Any) -> bool:
 
 def checks_flags(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Give a function that first checks its arguments which are annotated as bool; it is called with `True` or `False`."""
-    signature = inspect.signature(function)
-    flags = [name for name, parameter in signature.parameters.items() if parameter.annotation in (bool, "bool")]
+    parameters = inspect.signature(function).parameters.values()
+    flags = [(place, each.name) for place, each in enumerate(parameters) if each.annotation in (bool, "bool")]
 
     @functools.wraps(function)
     def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        arguments = signature.bind(*args, **kwargs)
-        for name in flags:
-            if name in arguments.arguments:
-                arguments.arguments[name] = flag(name, arguments.arguments[name])
-        return function(*arguments.args, **arguments.kwargs)
+        given: list[Any] = list(args)
+        for place, name in flags:
+            if place < len(given):
+                given[place] = flag(name, given[place])
+            elif name in kwargs:
+                kwargs[name] = flag(name, kwargs[name])
+        return function(*given, **kwargs)
 
     return checked
 

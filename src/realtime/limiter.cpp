@@ -105,7 +105,8 @@ bool is_valid(const Reference& reference) {
 
 Vector6 twist(const Vector3& linear, const Vector3& angular) {
   Vector6 out;
-  out << linear, angular;
+  out.head<3>() = linear;
+  out.tail<3>() = angular;
   return out;
 }
 

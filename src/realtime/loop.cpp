@@ -412,7 +412,7 @@ void Loop::compute_torque() noexcept {
 
 void Loop::take_walls() noexcept {
   if (door_.walls.empty() || door_.former_walls.room() == 0) return;
-  if (Walls* const former = gate_.walls().change(door_.walls.take())) door_.former_walls.push(former);
+  if (Walls* const former = gate_.keep_from(door_.walls.take())) door_.former_walls.push(former);
 }
 
 void Loop::take_bounds() noexcept {

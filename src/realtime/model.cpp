@@ -192,7 +192,8 @@ void Model::update(const Vector7& q, const Vector7& dq) noexcept {
   const Vector3 p = m.O_T_EE.translation();
   for (int i = 0; i < kJoints; ++i) {
     const Vector3 angular = m.data.J.col(i).tail<3>();
-    m.J.col(i) << Vector3(m.data.J.col(i).head<3>()) + angular.cross(p), angular;
+    m.J.col(i).head<3>() = m.data.J.col(i).head<3>() + angular.cross(p);
+    m.J.col(i).tail<3>() = angular;
   }
 
   m.c = pinocchio::nonLinearEffects(m.model, m.data, In(m.q), In(m.dq));
@@ -249,7 +250,8 @@ JointsOfPose Model::joints_of_pose(const Vector7& q) noexcept {
   for (int i = 0, column = 0; i < kJoints; ++i) {
     const Vector3 angular = m.kinematics.J.col(i).tail<3>();
     Vector6 twist;
-    twist << Vector3(m.kinematics.J.col(i).head<3>()) + angular.cross(p), angular;
+    twist.head<3>() = m.kinematics.J.col(i).head<3>() + angular.cross(p);
+    twist.tail<3>() = angular;
     if (i == kElbow) {
       elbow = twist;
     } else {

@@ -43,6 +43,11 @@ MotionGate::MotionGate(const models::Limits& limits, Model& model)
   keep_to(bounds_);
 }
 
+Walls* MotionGate::keep_from(Walls* walls) noexcept {
+  self_ = {};  // what it holds may be another
+  return walls_.change(walls);
+}
+
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
   walled_ = slowed_ = soon_ = false;

@@ -29,6 +29,8 @@ class MotionGate {
 
   // From now on.
   void keep_to(const Bounds& bounds) noexcept;
+  // The same of walls and of the body of the arm; as WallGuard::change().
+  Walls* keep_from(Walls* walls) noexcept;
 
   // Continues from here. A pose that does not go on from what was commanded before has its joints where the arm is, q (rad).
   void reset(const Reference& from) noexcept;

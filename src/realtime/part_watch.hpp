@@ -129,11 +129,11 @@ class PartWatch {
   template <class Function>
   bool call(Place& place, std::uint16_t number, Function function) noexcept {
     const std::uint64_t before = hooks_.allocations != nullptr ? hooks_.allocations() : 0;
-    const std::uint32_t around = std::exchange(in_part_, number);
-    if (hooks_.in_part != nullptr) hooks_.in_part->store(number, std::memory_order_relaxed);
+    std::atomic<std::uint32_t>* const in_part = hooks_.in_part;
+    const std::uint32_t around = in_part != nullptr ? in_part->load(std::memory_order_relaxed) : 0;
+    if (in_part != nullptr) in_part->store(number, std::memory_order_relaxed);
     const bool answer = function();
-    in_part_ = around;
-    if (hooks_.in_part != nullptr) hooks_.in_part->store(around, std::memory_order_relaxed);
+    if (in_part != nullptr) in_part->store(around, std::memory_order_relaxed);
     if (hooks_.allocations != nullptr && hooks_.allocations() != before) {
       blame(place, {PartFault::Why::kAllocates, number, 0});
     }
@@ -155,8 +155,7 @@ class PartWatch {
 
   Hooks hooks_;
   std::array<Place, kTerminations + 16> places_{};
-  std::uint32_t in_part_ = 0;  // as hooks_.in_part
-  std::int64_t within_ = 0;    // ns, of parts within the one that is called
+  std::int64_t within_ = 0;  // ns, of parts within the one that is called
   PartFault fault_, longest_;
 };
 

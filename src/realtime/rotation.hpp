@@ -75,7 +75,8 @@ inline RotationVectorRates rotation_vector_rates(const Vector3& r, const Vector3
 // What leads from one pose to the other: m, and a rotation vector; axes of O.
 inline Vector6 change_between(const CartesianReference& from, const CartesianReference& to) {
   Vector6 change;
-  change << to.position - from.position, log(to.orientation * from.orientation.conjugate());
+  change.head<3>() = to.position - from.position;
+  change.tail<3>() = log(to.orientation * from.orientation.conjugate());
   return change;
 }
 
@@ -85,6 +86,13 @@ inline CartesianReference at(const Eigen::Isometry3d& O_T_EE) {
   out.position = O_T_EE.translation();
   out.orientation = Eigen::Quaterniond(O_T_EE.linear());
   return out;
+}
+
+// And back.
+inline Eigen::Isometry3d frame(const CartesianReference& pose) {
+  Eigen::Isometry3d O_T_EE(pose.orientation);
+  O_T_EE.translation() = pose.position;
+  return O_T_EE;
 }
 
 }  // namespace realtime

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 
+#include "realtime/rotation.hpp"
 #include "server/clocks.hpp"
 #include "server/registry.hpp"
 
@@ -18,9 +19,9 @@ void put(const std::array<double, N>& from, google::protobuf::RepeatedField<doub
   std::copy(from.begin(), from.end(), to->begin());
 }
 
-template <int N>
-void put(const Eigen::Matrix<double, N, 1>& from, google::protobuf::RepeatedField<double>* to) {
-  to->Assign(from.data(), from.data() + N);
+template <int Rows, int Columns>
+void put(const Eigen::Matrix<double, Rows, Columns>& from, google::protobuf::RepeatedField<double>* to) {
+  to->Assign(from.data(), from.data() + from.size());
 }
 
 void put(const fci::Errors& from, google::protobuf::RepeatedPtrField<std::string>* to) {
@@ -226,10 +227,7 @@ void convert(const realtime::Record& record, proto::ArmState& out) {
     put(record.reference.joint.q, out.mutable_q_ref());
     put(record.reference.joint.dq, out.mutable_dq_ref());
   } else if (commanded) {
-    Eigen::Isometry3d pose(record.reference.cartesian.orientation);
-    pose.translation() = record.reference.cartesian.position;
-    out.mutable_o_t_ee_ref()->Resize(16, 0);
-    std::copy_n(pose.data(), 16, out.mutable_o_t_ee_ref()->begin());
+    put(realtime::frame(record.reference.cartesian).matrix(), out.mutable_o_t_ee_ref());
     put(record.reference.cartesian.velocity, out.mutable_o_dp_ee_ref());
   }
   if (commanded && !record.reference.wrench.isZero(0)) put(record.reference.wrench, out.mutable_o_f_ee_ref());

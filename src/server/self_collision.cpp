@@ -23,7 +23,7 @@ void check_self_collision(const ArmCapsules& arm, std::span<const realtime::Vect
   const double least = std::min(realtime::kSelfClearance, distance - kNearing);
   double moved = 0;  // at most, m, since distance was found
   for (std::size_t k = 1; k < way.size(); ++k) {
-    moved += realtime::kMostReach * (way[k] - way[k - 1]).lpNorm<1>();
+    moved += arm.reach() * (way[k] - way[k - 1]).lpNorm<1>();
     if (moved < distance - least) continue;
     const realtime::SelfDistance found = realtime::self_distance(arm, way[k]);
     distance = found.distance;
@@ -31,11 +31,11 @@ void check_self_collision(const ArmCapsules& arm, std::span<const realtime::Vect
     if (distance >= least) continue;
     const bool goal = k + 1 == way.size();
     throw Refused(frankapy::proto::Error::INVALID_ARGUMENT,
-                  fmt::format("{}: {} would come within {:.0f} mm of {} of the arm itself {}: the robot stops at {:.0f} mm, and motions "
-                              "keep {:.0f} mm. Choose another {}",
+                  fmt::format("{}: {} would come within {:.0f} mm of {} of the arm itself {}: motions keep {:.0f} mm, as the "
+                              "robot stops at {:.0f} mm from its own links. Choose another {}",
                               what, name_of_link(found.links[1]), 1e3 * std::max(found.distance, 0.), name_of_link(found.links[0]),
                               goal ? "at its goal" : fmt::format("at {:.0f} % of its way", 100. * k / (way.size() - 1)),
-                              1e3 * models::kCapsuleMargin, 1e3 * realtime::kSelfClearance, goal ? "goal" : "way, such as by a posture between"));
+                              1e3 * realtime::kSelfClearance, 1e3 * models::kCapsuleMargin, goal ? "goal" : "way, such as by a posture between"));
   }
 }
 

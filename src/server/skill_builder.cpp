@@ -36,7 +36,8 @@ constexpr int kPathSamples = 8;
 constexpr double kSampleTime = 0.02, kSampleLength = 0.002;
 constexpr int kLeastSamples = 20, kEnoughSamples = 100, kMostSamples = 1000;
 constexpr int kSteps = 3;     // of inverse kinematics from one place to the next, of a way of poses
-constexpr int kFirstSteps = 20;  // to its first, which an arm is beside that does not follow exactly
+constexpr int kFirstSteps = 20;  // to its first, which an arm is beside that does not follow exactly; at most
+constexpr double kStill = 1e-9;  // rad: a step that leads nowhere
 constexpr double kMissed = 5e-3;         // m, rad
 constexpr double kToolSpeedShare = 0.94;  // the rest is for what the arm does beside its reference
 constexpr double kPoseShare = 0.7;        // of the joints' limits of acceleration and jerk, for a way of poses
@@ -80,12 +81,6 @@ std::string text_of(const Reference& reference) {
   };
   return reference.motion == Channels::kJoint ? numbers(reference.joint.q) + " rad"
                                               : numbers(reference.cartesian.position) + " m";
-}
-
-Eigen::Isometry3d pose_of(const Reference& reference) {
-  Eigen::Isometry3d pose(reference.cartesian.orientation);
-  pose.translation() = reference.cartesian.position;
-  return pose;
 }
 
 // Where of the way from start to goal, for people.
@@ -287,14 +282,15 @@ void SkillBuilder::check_posture(const realtime::Skill& skill, const std::string
 Vector7 SkillBuilder::joints_at_start(const realtime::Record& now, const Before& before) {
   const Vector7 q = Eigen::Map<const Vector7>(now.state.q.data());
   if (!before.end) return q;
-  return before.end->motion == Channels::kJoint ? before.end->joint.q : reach(*model_, limits_, pose_of(*before.end), q).q;
+  if (before.end->motion == Channels::kJoint) return before.end->joint.q;
+  return reach(*model_, limits_, realtime::frame(before.end->cartesian), q).q;
 }
 
 // Where such a motion will begin: where the one before ends; else the reference that is commanded now; else what is measured.
 Reference SkillBuilder::start_of(Channels motion, const realtime::Record& now, const Before& before, const Vector7& q) {
   if (!before.end && !before.lets_go && now.command.message_id != 0 && now.reference.motion == motion) return now.reference;
   Eigen::Isometry3d O_T_EE = realtime::pose(now.state.O_T_EE);
-  if (before.end) O_T_EE = before.end->motion == Channels::kJoint ? model_->O_T_EE(q) : pose_of(*before.end);
+  if (before.end) O_T_EE = before.end->motion == Channels::kJoint ? model_->O_T_EE(q) : realtime::frame(before.end->cartesian);
   Reference start;
   start.motion = motion;
   start.joint.q = q;
@@ -363,7 +359,7 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
   };
   Reference reference;
   // The goal first: it is what people ask for, and what to name when it is the goal that is wrong.
-  check(kPathSamples, pose_of(trajectory->goal()), elbow.q);
+  check(kPathSamples, realtime::frame(trajectory->goal().cartesian), elbow.q);
   Vector7 reached = elbow.q;
   realtime::CartesianReference before = from.cartesian;
   double length = 0;
@@ -374,7 +370,7 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
   };
   for (int sample = 1; sample < kPathSamples; ++sample) {
     trajectory->step(cycle, duration * sample / kPathSamples, reference);
-    reached = check(sample, pose_of(reference), reached);
+    reached = check(sample, realtime::frame(reference.cartesian), reached);
     pass(reference);
   }
   pass(trajectory->goal());
@@ -405,7 +401,11 @@ SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, int sampl
     const std::size_t k = static_cast<std::size_t>(sample);
     const double time = sample == 0 ? 0 : pace ? pace->places[k].time - pace->places[k - 1].time : way.duration / samples;
     const int steps = sample == 0 ? kFirstSteps : kSteps;
-    for (int step = 0; step < steps; ++step) joints.step(reference.cartesian, elbow.robots ? 0 : time / steps);  // a robot's elbow stays
+    for (int step = 0; step < steps; ++step) {
+      const Vector7 before = joints.joints().q;
+      joints.step(reference.cartesian, elbow.robots ? 0 : time / steps);  // a robot's elbow stays
+      if (sample == 0 && (joints.joints().q - before).norm() < kStill) break;
+    }
     const realtime::JointsOfPose here = model_->joints_of_pose(joints.joints().q);
     check_joints_of_pose(here, reference, kind, 100. * sample / samples);
     way.q.push_back(here.q);

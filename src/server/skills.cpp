@@ -7,6 +7,7 @@
 #include <memory>
 #include <utility>
 
+#include "realtime/rotation.hpp"
 #include "server/convert.hpp"
 #include "server/publisher.hpp"
 #include "server/recorder.hpp"
@@ -145,7 +146,8 @@ void Skills::begin(Build& build) {
   proto::SkillEvent event;
   event.mutable_started()->Swap(&build.message);
   note(event, id, from);
-  Running running{from, skill->trajectory->goal(), std::move(*event.mutable_started()), skill->mode, skill->settings,
+  const realtime::Reference goal = skill->trajectory->goal();
+  Running running{from, goal, std::move(*event.mutable_started()), skill->mode, skill->settings,
                   !skill->controller->tracks(), build.made_at, listening, found.queued};
   if (!found.queued) cancel_queue(realtime::Ending::kPreempted);
   running_.emplace(id, std::move(running));
@@ -158,7 +160,14 @@ void Skills::begin(Build& build) {
     unread = door_.next.put(std::move(skill));
   }
   proto::Reply reply;
-  reply.mutable_skill_started()->set_skill_id(id);
+  auto& started = *reply.mutable_skill_started();
+  started.set_skill_id(id);
+  if (goal.motion == realtime::Channels::kJoint) {
+    started.mutable_goal_q()->Assign(goal.joint.q.begin(), goal.joint.q.end());
+  } else {
+    const Eigen::Matrix4d O_T_EE = realtime::frame(goal.cartesian).matrix();
+    started.mutable_goal_o_t_ee()->Assign(O_T_EE.data(), O_T_EE.data() + O_T_EE.size());
+  }
   answers_.send(from, reply);
   if (found.cancelled) end({.skill_id = id, .ending = realtime::Ending::kCancelled});
   if (unread) end({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});

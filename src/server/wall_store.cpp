@@ -90,7 +90,8 @@ bool hold(realtime::ArmCapsules& arm, const Shape& shape) {
     half = size.maxCoeff(&axis);
     radius = std::hypot(size[(axis + 1) % 3], size[(axis + 2) % 3]);
   }
-  const Vector3 way = half * Vector3::Unit(axis);
+  constexpr double kShortest = 1e-6;  // m: the axis of a ball too is no point
+  const Vector3 way = std::max(half, kShortest) * Vector3::Unit(axis);
   return arm.hold(shape.O_T_S * Vector3(-way), shape.O_T_S * way, radius);
 }
 

@@ -104,6 +104,20 @@ def test_an_arm_that_goes_into_a_wall_is_found():
     assert not judge.judge_walls(truth(way[250:]), [judge.Standing(wall, 1)])
 
 
+def test_what_is_held_goes_into_a_wall_as_the_arm_does_while_it_is_held():
+    floor = Box([2, 2, 0.3], [0.5, 0, 0.1])
+    stick = Capsule(0.01, 0.2, [0, 0, 0.2])  # 0.3 m below the flange, at home 0.6 m above the base
+    floor.name, stick.name, stick.held = "floor", "stick", True
+    rows = truth(HOME + np.sin(np.linspace(0, np.pi, 500))[:, None] * [0, 0.2, 0, 0, 0, 0, 0])
+    held = judge.held_capsule(stick)
+    deepest = max(-judge.clearance(floor, q, [held]) for q in rows["q"][::10])
+    assert deepest > 0.01 and judge.clearance(floor, rows["q"][0], [held]) > 0.01
+    assert not judge.judge_walls(rows, [judge.Standing(floor, 1)])
+    (found,) = judge.judge_walls(rows, [judge.Standing(floor, 1), judge.Standing(stick, 1)])
+    assert "what it holds" in found.text and "floor" in found.text
+    assert not judge.judge_walls(rows, [judge.Standing(floor, 1), judge.Standing(stick, 1, 20), judge.Standing(stick, 481)])
+
+
 def test_a_joint_outside_its_range_is_found():
     q = np.tile(HOME, (10, 1))
     assert not judge.judge_joints(truth(q), LIMITS)

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, RigidTransform, proto
 from frankapy.parts import (
     CartesianImpedance,
     InternalImpedance,
@@ -80,6 +80,25 @@ def test_what_a_queued_motion_is_checked_against_is_the_goal_before(fa):
         fa.run(RelativeMinJerkJoint([0, 0, 0, 1.5, 0, 0, 0], 1))
         fa.run(up)
     assert fa.is_skill_done()
+
+
+@pytest.mark.parametrize("lower", ["joints", "pose"])
+def test_walls_of_a_delta_are_looked_for_from_where_the_motion_before_ends(lower, fa):
+    fa.goto_joints(HOME, 0.5)
+    down = RigidTransform(translation=[0, 0, 0.3], from_frame="franka_tool", to_frame="franka_tool")
+    low = fa.get_pose()
+    low.translation[2] -= 0.3
+    joints = fa.ik(low)
+    with pytest.raises(FrankaArmArgumentError, match="goto_pose_delta would bring the tool"), fa.sequence():
+        fa.goto_joints(joints, 2) if lower == "joints" else fa.goto_pose_delta(down, 2, use_impedance=False)
+        fa.goto_pose_delta(down, 2)
+    fa.goto_joints(joints, 2)
+    with pytest.raises(FrankaArmArgumentError, match="goto_pose_delta would bring the tool"):
+        fa.goto_pose_delta(down, 2)
+    with fa.sequence():
+        fa.goto_joints(HOME, 2) if lower == "joints" else fa.goto_pose_delta(down.inverse(), 2, use_impedance=False)
+        fa.goto_pose_delta(down, 2, use_impedance=False)
+    np.testing.assert_allclose(fa.get_pose().translation, low.translation, atol=5e-3)
 
 
 def test_blended_motions_do_not_stop(ideal_arm):

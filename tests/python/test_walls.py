@@ -26,7 +26,7 @@ from frankapy.parts import (
 from frankapy.walls import Box, Capsule, Cylinder, Mesh, Plane, Sphere, from_boxes, read_stl
 
 sys.path[:0] = [str(REPOSITORY / "tests" / "safety"), str(REPOSITORY / "tests" / "interop")]
-from judge import clearance  # noqa: E402
+from judge import clearance, held_capsule, self_distance  # noqa: E402
 
 TRUTH_FILE = True
 LEFT = HOME + [0.9, 0, 0, 0, 0, 0, 0]
@@ -232,6 +232,26 @@ def test_a_wall_comes_while_a_skill_runs(walled, ideal_arm):
     walled.wait_for_skill()
     assert walled.last_skill_result.wall == "glass"
     assert gap(ideal_arm.truth(first)) > 0.009
+
+
+def test_what_is_held_is_kept_from_the_arm_itself(walled, ideal_arm):
+    stick = Capsule(0.01, 0.3, RigidTransform(RigidTransform.y_axis_rotation(np.pi / 2), [-0.15, 0, 0]))  # towards the arm
+    back = RelativeMinJerkPose([-0.17, 0, 0], frame="base", duration=20)
+    walled.check(back)
+    first = ideal_arm.cycle()
+    with ideal_arm.standing_still():
+        walled.run(back, proto.InternalImpedance(), block=False)
+        ideal_arm.simulation.step(5000)
+        walled.walls.hold("stick", stick)
+    walled.wait_for_skill()
+    assert walled.last_skill_result.held_by & proto.ITSELF
+    held = [held_capsule(wall) for wall in walled.walls.values()]
+    assert 0.02 < min(self_distance(q, held) for q in ideal_arm.truth(first)["q"][::50]) < 0.04  # motions keep 0.031 m
+    walled.reset_joints(2)
+    with pytest.raises(FrankaArmArgumentError, match=r"the hand or what it holds would come within \d+ mm of link \d of the arm itself"):
+        walled.run(back)
+    walled.walls.remove("stick")
+    walled.run(back)
 
 
 def test_joints_that_slide_along_a_wall_come_no_nearer_to_it(start_for_module):

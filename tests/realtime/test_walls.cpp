@@ -261,6 +261,30 @@ TEST(ArmCapsules, one_is_around_all_of_the_hand) {
   }
 }
 
+TEST(ArmCapsules, no_point_of_them_moves_farther_than_it_reaches) {
+  Random random;
+  for (const double stick : {0., 0.3, 1.}) {
+    ArmCapsules arm(models::arm("fr3"), true);
+    if (stick > 0) ASSERT_TRUE(arm.hold(Vector3::Zero(), {0.6 * stick, 0, 0.8 * stick}, 0.02));
+    double farthest = 0;
+    for (int n = 0; n < 2000; ++n) {
+      Vector7 q;
+      for (int i = 0; i < 7; ++i) q[i] = random.in(-2.8, 2.8);
+      ArmCapsules::Place place;
+      arm.place(q, place);
+      for (std::size_t k = 0; k < arm.all().size(); ++k) {
+        for (int i = 0; i < std::min(arm.all()[k].link, models::kJoints); ++i) {
+          for (const Vector3& end : {place.a[k], place.b[k]}) {
+            farthest = std::max(farthest, place.axis[i].cross(end - place.origin[i]).norm() + arm.all()[k].radius);
+          }
+        }
+      }
+    }
+    EXPECT_LE(farthest, arm.reach()) << stick;
+    EXPECT_GT(farthest, 0.7 * arm.reach()) << stick;
+  }
+}
+
 TEST(ArmCapsules, what_is_held_is_where_the_model_has_the_flange) {
   for (const char* name : {"fer", "fr3"}) {
     SimulatedArm simulated(name);
@@ -537,11 +561,13 @@ TEST_P(PushedBack, many_walls_hold_as_one_does) {
 }
 
 TEST(SelfDistance, contacts_are_those_of_finite_differences) {
-  const ArmCapsules body(models::arm("fr3"), true);
   const models::Limits& limits = models::limits(models::arm("fr3"), 10);
+  const ArmCapsules bare(models::arm("fr3"), true);
   Random random;
-  int seen = 0;
+  int seen = 0, of_stick = 0;
   for (int n = 0; n < 3000; ++n) {
+    ArmCapsules body = bare;
+    if (n % 2 == 1) ASSERT_TRUE(body.hold({0, 0, 0.1}, {0, 0, 0.5}, 0.02));
     Vector7 q;
     for (int i = 0; i < 7; ++i) q[i] = random.in(limits.q_min[i], limits.q_max[i]);
     ArmCapsules::Place place;
@@ -558,6 +584,7 @@ TEST(SelfDistance, contacts_are_those_of_finite_differences) {
     EXPECT_NEAR(least->distance, nearest.distance, 1e-12);
     if (nearest.distance < 0) continue;  // there axes may meet
     ++seen;
+    of_stick += nearest.distance < self_distance(bare, q).distance;
     constexpr double kStep = 1e-7;
     for (int i = 0; i < 7; ++i) {
       const Vector7 step = kStep * Vector7::Unit(i);
@@ -566,6 +593,7 @@ TEST(SelfDistance, contacts_are_those_of_finite_differences) {
     }
   }
   EXPECT_GT(seen, 100);
+  EXPECT_GT(of_stick, 30);
 }
 
 // Whatever pulls it: nearer than where the robot stops it, it only creeps. What presses it together is 20 N m in two joints.

@@ -122,7 +122,9 @@ class Draw:
     # --- surroundings ---
 
     def wall(self) -> proto.Wall:
-        """A body near the hand, or somewhere within reach; or a plane, with what is around home before it."""
+        """A body near the hand, or somewhere within reach; or a plane, with what is around home before it; or what the hand holds."""
+        if self.chance(0.15):
+            return self.held()
         angle, height = self.uniform(-np.pi, np.pi), self.uniform(0, 1.1)
         place = np.array([0, 0, height]) + self.uniform(0.3, 0.9) * np.array([np.cos(angle), np.sin(angle), 0])
         if self.chance(0.7):
@@ -139,6 +141,14 @@ class Draw:
                 lambda: Mesh(np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]) * size, [[0, 1, 2], [0, 3, 1], [1, 3, 2], [0, 2, 3]], pose),
             ]
         )()
+
+    def held(self) -> proto.Wall:
+        """A stick in the hand, more or less along its z."""
+        turn = RigidTransform.rotation_from_axis_angle(self.uniform(0, 0.6) * self.direction())
+        length = self.uniform(0.05, 0.3)
+        stick = Capsule(self.uniform(0.005, 0.03), length, RigidTransform(turn, [0, 0, 0.1] + turn[:, 2] * length / 2))
+        stick.held = True
+        return stick
 
     def push(self) -> dict:
         """Arguments of ControlChannel.push: up to 30 N, at the hand or a link."""

@@ -1,7 +1,7 @@
 """Whether a run kept what the campaign asks for: from the truth file, recordings, and datagrams, and by its own geometry.
 
 Kinds of violation:
-  wall        a capsule of the arm was more than 2 mm past a wall, or farther past one that it was in already
+  wall        a capsule of the arm or what it held was more than 2 mm past a wall, or farther past one that it was in already
   limit       a command broke a limit of the robot (tests/interop/wire_limits.py), or the robot reports an error nobody provoked
   joints      a true joint position was outside its range
   unreported  a call raised something else than frankapy's exceptions, or a skill has no result
@@ -13,6 +13,7 @@ import dataclasses
 import itertools
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ class Violation:
 
 @dataclasses.dataclass
 class Standing:
-    """A wall, from and to (excluded) which cycle of the world it certainly stood."""
+    """A wall, or a body that was held, from and to (excluded) which cycle of the world it certainly was there."""
 
     wall: proto.Wall
     begin: int
@@ -159,22 +160,29 @@ def gap(wall: proto.Wall, capsule: Capsule, at: np.ndarray) -> np.ndarray:
     return out
 
 
-def clearance(wall: proto.Wall, q: np.ndarray) -> float:
-    """Least gap between a wall and the arm at a posture (7,), rad; m."""
+def held_capsule(body: proto.Wall) -> Capsule:
+    """Of a capsule that is held, which has the frame of the flange."""
+    half = RigidTransform.rotation_from_quaternion(body.orientation)[:, 2] * body.capsule.length / 2
+    return Capsule(FLANGE, body.position - half, body.position + half, body.capsule.radius)
+
+
+def clearance(wall: proto.Wall, q: np.ndarray, bodies: Sequence[Capsule] = ()) -> float:
+    """Least gap between a wall and some capsules, or else those of the arm, at a posture (7,), rad; m."""
     at = frames(q[None])
-    return min(float(gap(wall, capsule, at[capsule.frame])[0]) for capsule in capsules())
+    return min(float(gap(wall, capsule, at[capsule.frame])[0]) for capsule in bodies or capsules())
 
 
-def self_distance(q: np.ndarray) -> float:
-    """Least distance, within 5 mm, between capsules of the arm at a posture (7,), rad, that are three joints apart; m."""
+def self_distance(q: np.ndarray, held: Sequence[Capsule] = ()) -> float:
+    """Least distance, within 5 mm, between capsules of the arm and what it holds at a posture (7,), rad, that are three joints apart; m."""
     at = frames(q[None])[:, 0]
+    bodies = [*capsules(with_base=True), *held]
     shares = np.linspace(0, 1, POINTS)[:, None]
     points = []
-    for capsule in capsules(with_base=True):
+    for capsule in bodies:
         frame = at[capsule.frame]
         points.append((capsule.a + shares * (capsule.b - capsule.a)) @ frame[:3, :3].T + frame[:3, 3])
     least = np.inf
-    for (one, of_one), (other, of_other) in itertools.combinations(zip(capsules(with_base=True), points, strict=True), 2):
+    for (one, of_one), (other, of_other) in itertools.combinations(zip(bodies, points, strict=True), 2):
         if other.frame - one.frame >= APART:
             away = np.linalg.norm(of_one[:, None] - of_other[None], axis=2).min() - one.radius - other.radius
             least = min(least, float(away))
@@ -182,22 +190,25 @@ def self_distance(q: np.ndarray) -> float:
 
 
 def judge_walls(truth: np.ndarray, standing: list[Standing]) -> list[Violation]:
-    """No capsule past a wall; of one that was in it when it came, no deeper."""
+    """No capsule past a wall, nor what is held; of one that was in it when it came, no deeper."""
     at = frames(truth["q"]) if standing else None
+    always = Standing(proto.Wall(), 0)
+    bodies = [(always, capsule) for capsule in capsules()] + [(each, held_capsule(each.wall)) for each in standing if each.wall.held]
     found = []
-    for each in standing:
-        rows = np.flatnonzero((truth["cycle"] >= each.begin) & (truth["cycle"] < (each.end or np.inf)))
-        if not len(rows):
-            continue
+    for each in (each for each in standing if not each.wall.held):
         worst: tuple[float, int, int] | None = None
-        for capsule in capsules():
+        for body, capsule in bodies:
+            begin, end = max(each.begin, body.begin), min(each.end or np.inf, body.end or np.inf)
+            rows = np.flatnonzero((truth["cycle"] >= begin) & (truth["cycle"] < end))
+            if not len(rows):
+                continue
             depth = -gap(each.wall, capsule, at[capsule.frame][rows])
             beyond = depth - np.maximum(np.minimum.accumulate(depth), 0)
             k = int(beyond.argmax())
             if beyond[k] > PAST and (worst is None or beyond[k] > worst[0]):
                 worst = float(beyond[k]), capsule.frame, int(truth["cycle"][rows[k]])
         if worst is not None:
-            link = "hand" if worst[1] == FLANGE else f"link {worst[1]}"
+            link = "hand or what it holds" if worst[1] == FLANGE else f"link {worst[1]}"
             name = f"{each.wall.WhichOneof('shape')} {each.wall.name!r}"
             found.append(Violation("wall", f"{link} {1e3 * worst[0]:.1f} mm past {name} in cycle {worst[2]}"))
     return found

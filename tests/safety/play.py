@@ -20,7 +20,9 @@ from draw import HOME, TOPIC, Draw, is_led
 from judge import (
     Standing,
     Violation,
+    capsules,
     clearance,
+    held_capsule,
     judge_joints,
     judge_recordings,
     judge_walls,
@@ -216,10 +218,16 @@ class Player:
             self._run(draw.skill())
             self._pass(draw.uniform(0, 0.3))
         q = self._control.truth().q
+        there = [standing.wall for standing in self.standing if standing.end is None]
+        held = [held_capsule(body) for body in there if body.held]
         for _ in range(20):
             wall = draw.wall()
             wall.name = f"wall {self._place}"
-            if clearance(wall, q) > (COMES_AHEAD if moving else COMES_BESIDE):
+            if wall.held:
+                gaps = [clearance(other, q, [held_capsule(wall)]) for other in there if not other.held]
+            else:
+                gaps = [clearance(wall, q, [*capsules(), *held])]
+            if min(gaps, default=np.inf) > (COMES_AHEAD if moving else COMES_BESIDE):
                 if self._try(lambda wall=wall: walls.add(wall.name, wall)):
                     # The loop takes it in its next cycle.
                     self.standing.append(Standing(wall, self._control.truth().cycle + 2))

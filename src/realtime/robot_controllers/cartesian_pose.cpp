@@ -1,5 +1,6 @@
 #include "realtime/robot_controllers/cartesian_pose.hpp"
 
+#include "realtime/rotation.hpp"
 #include "realtime/tool.hpp"
 
 namespace realtime::robot_controllers {
@@ -32,9 +33,7 @@ Reference CartesianPose::start(const Cycle& cycle, Channels, Model& model) const
 
 void CartesianPose::write(const Reference&, const Reference& reference, const Vector7&,
                           fci::RobotCommand& command) const noexcept {
-  Eigen::Isometry3d T(reference.cartesian.orientation);
-  T.translation() = reference.cartesian.position;
-  Eigen::Matrix4d::Map(command.O_T_EE_c.data()) = T.matrix();
+  Eigen::Matrix4d::Map(command.O_T_EE_c.data()) = frame(reference.cartesian).matrix();
 }
 
 }  // namespace realtime::robot_controllers

@@ -6,6 +6,8 @@
 namespace realtime {
 namespace {
 
+constexpr double kReachOfFlange = 0.86;  // m/rad: the links between joint 2 and the flange, stretched out
+
 Eigen::Isometry3d frame(const models::JointFrame& joint) {
   const auto& [xyz, rpy] = joint;
   Eigen::Isometry3d T(Eigen::AngleAxisd(rpy[2], Vector3::UnitZ()) * Eigen::AngleAxisd(rpy[1], Vector3::UnitY()) *
@@ -30,11 +32,13 @@ ArmCapsules::ArmCapsules(const models::Arm& arm, bool hand) {
   }
   own_ = capsules_.size();
   if (hand) add(models::kHandHull);
+  held_ = capsules_.size();
 }
 
 bool ArmCapsules::hold(const Vector3& F_a, const Vector3& F_b, double radius) {
   if (capsules_.size() >= kMost) return false;
   capsules_.push_back({kFlange, F_a, F_b, radius});
+  reach_ = std::max(reach_, kReachOfFlange + std::max(F_a.norm(), F_b.norm()) + radius);
   return true;
 }
 

@@ -13,7 +13,7 @@ namespace realtime {
 class ArmCapsules {
  public:
   static constexpr int kMostHeld = 12, kMost = 13 + kMostHeld;
-  static constexpr int kFlange = 8;  // the number of the flange as a link; the hand is on it
+  static constexpr int kFlange = 8;  // the number of the flange as a link; the hand is on it, and what is held
 
   struct Capsule {
     int link;      // 0 to 7, or kFlange
@@ -31,12 +31,16 @@ class ArmCapsules {
   // `hand`: a Franka hand is on the flange.
   ArmCapsules(const models::Arm& arm, bool hand);
 
-  // Fixed to the flange F; false when there are too many.
+  // Fixed to the flange F, between two points; false when there are too many.
   bool hold(const Vector3& F_a, const Vector3& F_b, double radius);
 
-  // Those that move; the first own() of them are those of the robot's self-collision model, and what is held comes last.
+  // Those that move: of the robot's self-collision model the first own(), and from held() on what is held. Between them is the hull
+  // of the hand.
   const std::vector<Capsule>& all() const noexcept { return capsules_; }
   std::size_t own() const noexcept { return own_; }
+  std::size_t held() const noexcept { return held_; }
+  // No point of them moves farther by any of the joints, m/rad.
+  double reach() const noexcept { return reach_; }
   // Those of the base and of link 1, in O.
   const std::vector<Capsule>& fixed() const noexcept { return fixed_; }
 
@@ -48,7 +52,8 @@ class ArmCapsules {
  private:
   std::array<Eigen::Isometry3d, models::kJoints + 1> frames_;  // of a joint in the one before, at zero; the flange is last
   std::vector<Capsule> capsules_, fixed_;
-  std::size_t own_ = 0;
+  std::size_t own_ = 0, held_ = 0;
+  double reach_ = 1.3;  // of an arm that is stretched out, with its hand
 };
 
 }  // namespace realtime

@@ -53,8 +53,10 @@ void visit_pairs(const ArmCapsules& arm, const ArmCapsules::Place& place, const 
     if (count < kMost) all[count++] = {link, moves, (a + b) / 2, (b - a) / 2, radius, (b - a).norm() / 2};
   };
   for (const auto& capsule : arm.fixed()) add(capsule.link, -1, capsule.a, capsule.b, capsule.radius);
-  for (std::size_t i = 0; i < arm.own(); ++i) {
-    add(arm.all()[i].link, static_cast<int>(i), place.a[i], place.b[i], arm.all()[i].radius);
+  for (std::size_t i = 0; i < arm.all().size(); ++i) {
+    if (i < arm.own() || i >= arm.held()) {
+      add(arm.all()[i].link, static_cast<int>(i), place.a[i], place.b[i], arm.all()[i].radius);
+    }
   }
   for (std::size_t i = 0; i < count; ++i) {
     for (std::size_t j = i + 1; j < count; ++j) {

@@ -8,7 +8,7 @@
 namespace realtime {
 
 // How near an arm is to itself: the least distance between capsules of links that are not neighbours (nearer than three joints
-// to each other they cannot meet, or always overlap). What it holds does not count, as the robot does not know of it.
+// to each other they cannot meet, or always overlap). What it holds counts with the flange; the robot does not know of that.
 struct SelfDistance {
   double distance = 1e9;          // m, between surfaces; negative where they overlap
   std::array<int, 2> links = {};  // that are so near, ArmCapsules::Capsule::link
@@ -24,9 +24,6 @@ struct SelfContact {
 // almost parallel also what is between their ends, as the nearest place leaps from one end to the other when they tilt.
 std::size_t self_contacts(const ArmCapsules& arm, const ArmCapsules::Place& place, double horizon,
                           std::span<SelfContact> out) noexcept;
-
-// No point of an arm moves farther than this by any of its joints, m/rad.
-inline constexpr double kMostReach = 1.3;
 
 // The least distance that motions keep: the robot stops an arm that comes nearer to itself than the vendor's margin.
 inline constexpr double kSelfClearance = models::kCapsuleMargin + 0.001;  // m

@@ -7,8 +7,6 @@ namespace {
 
 constexpr double kRounding = 1e-6;  // m that is no nearer
 
-double way_between(const Vector7& a, const Vector7& b) { return kMostReach * (a - b).lpNorm<1>(); }
-
 }  // namespace
 
 double SelfGuard::distance_at(const ArmCapsules& arm, const Vector7& q) noexcept {
@@ -17,6 +15,7 @@ double SelfGuard::distance_at(const ArmCapsules& arm, const Vector7& q) noexcept
 }
 
 bool SelfGuard::clear(const ArmCapsules& arm, const Vector7& q, std::span<const Vector7> way) noexcept {
+  const auto way_between = [&](const Vector7& a, const Vector7& b) { return arm.reach() * (a - b).lpNorm<1>(); };
   double longest = 0;
   for (const Vector7& place : way) longest = std::max(longest, way_between(place, seen_));
   if (distance_ - longest >= kSelfClearance) return true;
