@@ -4,7 +4,6 @@ Of a simulated arm, in another terminal, the hand is `frankapy.sim.ControlChanne
 """
 
 from frankapy import FrankaArm, dmp
-from frankapy.parts import InternalImpedance
 
 fa = FrankaArm()
 fa.reset_joints(duration=2)
@@ -17,6 +16,5 @@ for line in primitive.beyond(fa):
     print("the arm will be slower:", line)
 
 for duration in (motion.duration, motion.duration / 2):
-    fa.goto_joints(motion.joints[0], duration=2)
-    result = fa.run(primitive.part(duration), InternalImpedance())
+    (result,) = fa.imitate(primitive, duration=duration)
     print(f"asked for {duration:.1f} s, took {result.time:.1f} s")

@@ -9,7 +9,7 @@ import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from google.protobuf.message import Message
@@ -20,6 +20,7 @@ from frankapy import (
     dmp_dictionaries,
     endings,
     hand,
+    imitation,
     kinematics,
     poses,
     proto,
@@ -52,6 +53,9 @@ from frankapy.states import RobotState, StateReader, StateStream
 from frankapy.utils import franka_pose_to_rigid_transform
 from frankapy.validation import checks_flags, number, table, text, validate, vector, whole
 from frankapy.walls import Walls
+
+if TYPE_CHECKING:
+    from frankapy.dmp import Primitive
 
 logger = logging.getLogger("frankapy")
 
@@ -589,6 +593,33 @@ class FrankaArm:
             rows = _guidance.shown(published, self._motions.running, duration, self.stop_skill)
         self.wait_for_skill()
         return _guidance.demonstration_of(rows)
+
+    def imitate(
+        self, primitive: Primitive, loops: int = 1, skill_desc: str = "Imitation", **changed: Any
+    ) -> list[proto.SkillResult]:  # fmt: skip
+        """Go to where a primitive begins and do what it has learned; return how that ended, a result of each time.
+
+        The way there and the motion are looked at by the server before anything moves.
+
+        Args:
+            primitive: of frankapy.dmp.
+            loops: how often, each time from its start; 0: it is only looked at.
+            skill_desc: goes into states and logs.
+            changed: arguments of the primitive's `part`: duration, start, goal, goal_orientation, sensor_values, topic. Without a
+                start it begins where it was learned, or where the arm is if it does not say.
+
+        Raises FrankaArmArgumentError, with what is in the way and where, for a motion that the arm cannot make, FrankaArmException where
+        the robot reports an error.
+
+        Example:
+            >>> import numpy as np
+            >>> from frankapy import dmp
+            >>> from frankapy.demonstration import Demonstration
+            >>> turned = fa.get_joints() + np.outer(np.linspace(0, 1, 100), [0, 0, 0, 0, 0, 0, 0.3])
+            >>> primitive = dmp.fit(Demonstration(np.linspace(0, 2, 100), turned).smooth(0.2))
+            >>> fa.imitate(primitive, loops=2, duration=3)
+        """
+        return imitation.imitate(self, primitive, loops, skill_desc, changed)
 
     @checks_flags
     def execute_joint_velocities(
