@@ -1,6 +1,7 @@
 """Lead the arm by hand; it does it again, and then twice as fast. Start an arm first, a real one, or `frankapy sim`.
 
-Of a simulated arm, in another terminal, the hand is `frankapy.sim.ControlChannel(address).hand(positions, times)`.
+Of a simulated arm, in another terminal, the hand is `frankapy.sim.ControlChannel(address).hand(positions, times)`. The picture needs
+matplotlib.
 """
 
 from frankapy import FrankaArm, dmp
@@ -12,6 +13,7 @@ print("Lead the arm for 8 s.")
 motion = fa.demonstrate(8).trimmed().smooth()
 primitive = dmp.fit(motion, "joint")
 print(primitive)
+primitive.plot(motion, limits=fa.limits).savefig("imitation.png")  # what it will do, over what was shown
 for line in primitive.beyond(fa):
     print("the arm will be slower:", line)
 
