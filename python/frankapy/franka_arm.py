@@ -237,6 +237,23 @@ class FrankaArm:
         """Return when the gripper command that was last sent has ended."""
         self._hand.wait()
 
+    @checks_flags
+    async def gripper_finished(self, ignore_errors: bool = False) -> None:
+        """Wait in a coroutine for the end of the gripper command that was last sent.
+
+        Where the coroutine is cancelled the hand is stopped. Raises FrankaArmException for a command that failed, where errors are not
+        ignored.
+
+        Example:
+            >>> import asyncio
+            >>> async def open_on_the_way():
+            ...     fa.goto_joints([0, -0.7, 0, -2.3, 0, 1.6, 0.8], duration=1, block=False)
+            ...     fa.open_gripper(block=False)
+            ...     await asyncio.gather(fa.finished(), fa.gripper_finished())
+            >>> asyncio.run(open_on_the_way())
+        """
+        await self._hand.finished(ignore_errors)
+
     def is_gripper_skill_done(self) -> bool:
         """Return whether the gripper command that was last sent has ended."""
         return self._hand.is_done()
@@ -654,7 +671,7 @@ class FrankaArm:
         buffer_time: float = _BUFFER_TIME, force_thresholds: Numbers | None = None, torque_thresholds: Numbers | None = None,
         cartesian_impedances: Numbers | None = None, joint_impedances: Numbers | None = None,
         block: bool = True, ignore_errors: bool = True, ignore_virtual_walls: bool = False,
-        skill_desc: str = "ExecuteCartesianVelocities",
+        skill_desc: str = "ExecutecartesianVelocities",
     ) -> None:  # fmt: skip
         """Move the end effector with a constant velocity, as `execute_joint_velocities` turns the joints.
 
