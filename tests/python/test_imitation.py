@@ -129,6 +129,8 @@ def test_files_are_read_back_and_pickles_run_nothing(tmp_path, capsys):
         ("evil.pkl", pickle.dumps([Evil()]), "print, which is not made from files"),
         ("broken.pkl", pickle.dumps(poses)[:-20], "cannot be read as a pickle"),
         ("other.pkl", pickle.dumps({"a": 1}), "holds a dictionary with a: expected a list of poses, or"),
+        ("primitive.pkl", pickle.dumps(old_dictionary(3)), "holds the dictionary of a movement primitive, which dmp.load_script and Prim"),
+        ("lacks.pkl", pickle.dumps({0: {"skill_state_dict": {"q": [1]}}}), "has no 'O_T_EE' in its skill_state_dict"),
         ("text.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": "far"}}}), "text.pkl holds no motion of an arm: could not"),
         ("short.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": np.zeros((3, 15))}}}), "short.pkl holds no motion"),
         ("zeros.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": np.zeros((3, 16))}}}), "this is no rotation matrix"),
@@ -218,9 +220,17 @@ def test_primitives_are_written_and_read_and_old_scripts_find_their_dictionaries
     for part in ("position", "quaternion"):
         info = dmp.load_script(tmp_path / f"p-{part}.pkl")
         assert info["num_basis"] == 25 and np.size(info["weights"]) == 75
-    (tmp_path / "other.pkl").write_bytes(pickle.dumps({"a": 1, "b": 2}))
-    with pytest.raises(FrankaArmArgumentError, match="holds a dictionary with a, b: expected a dictionary with tau"):
-        dmp.load_script(tmp_path / "other.pkl")
+    poses = [RigidTransform(from_frame="franka_tool")] * 3
+    for held, text in (
+        ({"a": 1, "b": 2}, "a dictionary with a, b: expected a dictionary with tau"),
+        (poses, "a list of poses, which Demonstration.load reads: expected a dictionary with tau"),
+        ({0: {"skill_state_dict": {"q": [1]}}}, "what record_trajectory.py writes, which Demonstration.load reads: expected"),
+        ([], "an empty list: expected"),
+    ):
+        (tmp_path / "other.pkl").write_bytes(pickle.dumps(held))
+        for read in (dmp.load_script, dmp.Primitive.load):
+            with pytest.raises(FrankaArmArgumentError, match=f"holds {text}"):
+                read(tmp_path / "other.pkl")
     from_script = dmp.Primitive.load(tmp_path / "p-position.pkl")
     np.testing.assert_allclose(from_script.rollout(start=primitive.start)[1], primitive.rollout()[1], atol=1e-12)
     with pytest.raises(FrankaArmArgumentError, match="is no 'frankapy primitive 1'"):
