@@ -2,6 +2,9 @@
 
 import contextlib
 import pickle
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -508,6 +511,20 @@ def test_an_arm_that_yields_along_axes_of_its_tool(ideal_arm, tmp_path):
             assert cli.main(["demonstrate", str(shown), *asked]) == 0
     along = (Demonstration.load(shown).positions - Demonstration.load(shown).positions[0]) @ axes
     assert np.ptp(along[:, 0]) > 0.06 and np.ptp(along[:, 0]) > 1.3 * np.ptp(along[:, 1])
+
+
+def test_ctrl_c_ends_a_demonstration_and_keeps_it(ideal_arm, tmp_path):
+    shown = tmp_path / "shown.npz"
+    # Ctrl-C is ignored where the tests run in the background.
+    program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); from frankapy import cli; sys.exit(cli.main())"
+    command = [sys.executable, "-c", program, "demonstrate", str(shown)]
+    with ideal_arm.client() as reader, subprocess.Popen([*command, "--server", ideal_arm.server], stderr=subprocess.PIPE, text=True) as lead:
+        reader.wait_for(lambda state: state.skill_description == "Demonstration" and state.skill_time > 1, 300)
+        lead.send_signal(signal.SIGINT)
+        errors = lead.communicate(timeout=300)[1]
+        assert lead.returncode == 0 and "Traceback" not in errors, errors
+        reader.wait_for(lambda state: state.skill_id == 0, 60)
+    assert 0.9 < Demonstration.load(shown).duration < 600
 
 
 def test_from_the_command_line(default_arm, tmp_path, capsys, caplog):
