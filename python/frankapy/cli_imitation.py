@@ -47,7 +47,7 @@ def add_commands(add: Add, add_arm: Callable[[argparse.ArgumentParser], None]) -
         "--sensors", type=float, nargs="+", help="values of the sensors in the first file, then in the next (default: one sensor, 1)"
     )
     _add_smooth(learn)
-    learn.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what was learned over what was shown")
+    learn.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what was learned over what was shown; with --sensors over the first")
 
     imitate = add("imitate", _imitate, "let an arm do what it has learned, from where it began")
     imitate.add_argument("file", type=Path, help="what `frankapy learn` wrote, or the .pkl of old scripts")
@@ -113,7 +113,10 @@ def _learn(options: argparse.Namespace) -> int:
     primitive.save(options.output)
     print(f"{options.output}: {primitive!r}")
     if options.plot:
-        _draw(options.plot, primitive.plot, demonstrations)
+        if sensors is None:
+            _draw(options.plot, primitive.plot, demonstrations)
+        else:
+            _draw(options.plot, primitive.plot, demonstrations[:1], sensor_values=sensors[0])
     return 0
 
 

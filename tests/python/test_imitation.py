@@ -461,6 +461,12 @@ def test_a_lab_s_dictionary_does_on_the_arm_what_its_law_says(fa, ideal_arm, tmp
     assert np.linalg.norm(expected - start) > 0.04
     with pytest.raises(FrankaArmArgumentError, match="3 with position_only or orientation_only"):
         fa.execute_pose_dmp(info, 2)
+    fa.goto_joints(HOME, 1)
+    fa.close()
+    goal = start + [0, 0.05, 0.05]
+    asked = ["--goal", *map(str, goal), "--plot", str(tmp_path / "next.png"), "--server", ideal_arm.server]
+    assert cli.main(["imitate", str(tmp_path / "old.pkl"), *asked]) == 0 and (tmp_path / "next.png").exists()
+    np.testing.assert_allclose(ideal_arm.truth()["O_T_TCP"][-1].reshape(4, 4)[3, :3], goal, atol=0.01)  # it comes to rest beyond its end
 
 
 @pytest.mark.parametrize(("kind", "method"), [("joint", "local"), ("position", "ridge"), ("pose", "local")])
@@ -478,11 +484,13 @@ def test_what_the_command_line_is_asked_for_is_done(ideal_arm, tmp_path, kind, m
     for file, demonstration in zip(files, (shown, other), strict=True):
         demonstration.save(file)
     asked = ["--kind", kind, "--method", method, "--basis", "30", "--smooth", "0", "--sensors", "1", "0", "0", "1"]
+    asked += ["--plot", str(tmp_path / "learned.png")]
     assert cli.main(["learn", *map(str, files), "-o", str(learned), *asked]) == 0
     primitive = dmp.Primitive.load(learned)
     expected = dmp.fit([Demonstration.load(file).trimmed() for file in files], kind, 30, method, sensor_values=np.eye(2))
     np.testing.assert_array_equal(primitive.weights, expected.weights)
     assert primitive.kind == kind and primitive.weights.shape[1:] == (2, 30)
+    assert (tmp_path / "learned.png").stat().st_size > 10_000
     goal = primitive.rollout(sensor_values=[0.25, 0.75])[1][-1]
     before = ideal_arm.cycle()
     assert cli.main(["imitate", str(learned), "--loops", "2", "--sensors", "0.25", "0.75", "--duration", "2", *arm]) == 0
