@@ -146,5 +146,5 @@ def _imitate(options: argparse.Namespace) -> int:
         beyond = primitive.beyond(fa, **changed)
         for line in beyond or ["nothing"] * options.check:
             print(f"slower, or not at all: {line}", file=sys.stderr)
-        fa.imitate(primitive, 0 if options.check else options.loops, f"imitation of {options.file.name}", **changed)
+        fa.imitate(primitive, **changed, loops=0 if options.check else options.loops, skill_desc=f"imitation of {options.file.name}")
     return 0

@@ -19,7 +19,7 @@ from frankapy.demonstration import Demonstration, held, read_npz, unpickle, writ
 from frankapy.dmp_dictionaries import KEYS, checked_fields
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import number, numbers, vector, whole
+from frankapy.validation import number, numbers, text, vector, whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,7 +120,7 @@ class Primitive:
         if sensor_values is not None:
             values["initial_sensor_values"] = self._sensor_values(sensor_values)
         if topic is not None:
-            values["topic"] = topic
+            values["topic"] = text("topic", topic, 256)
         spring: dict[str, Any] = dict(tau=0.5 / T, alpha=self.alpha, beta=self.beta, mu=self.mu, h=self.h)
         if self.kind == "joint":
             return proto.JointDmp(**spring, **values)
@@ -368,7 +368,7 @@ class Primitive:
 
     def _sensor_values(self, values: Any) -> np.ndarray:
         sensors, dimensions = self.weights.shape[1], self.weights.shape[0]
-        array = np.asarray(values, dtype=float)
+        array = numbers("sensor_values", values).reshape(np.shape(values))
         expected = [(sensors,)] if self.kind == "joint" else [(sensors,), (dimensions, sensors)]
         if array.shape not in expected:
             raise FrankaArmArgumentError(f"sensor_values has the shape {array.shape}: expected {' or '.join(map(str, expected))}")
@@ -438,10 +438,10 @@ def fit(
 
 
 def _sensor_rows(values: Any, demonstrations: int) -> np.ndarray:
-    array = np.asarray(values, dtype=float)
-    if array.ndim != 2 or len(array) != demonstrations or not array.size or not np.all(np.isfinite(array)):
+    array = numbers("sensor_values", values).reshape(np.shape(values))
+    if array.ndim != 2 or len(array) != demonstrations or not array.size:
         raise FrankaArmArgumentError(
-            f"sensor_values has the shape {array.shape}: expected ({demonstrations}, sensors), finite, a row of each demonstration"
+            f"sensor_values has the shape {array.shape}: expected ({demonstrations}, sensors), a row of each demonstration"
         )
     if (rank := int(np.linalg.matrix_rank(array))) < array.shape[1]:
         raise FrankaArmArgumentError(

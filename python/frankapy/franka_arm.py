@@ -612,7 +612,9 @@ class FrankaArm:
         return _guidance.demonstration_of(rows)
 
     def imitate(
-        self, primitive: Primitive, loops: int = 1, skill_desc: str = "Imitation", **changed: Any
+        self, primitive: Primitive, duration: float | None = None, start: Numbers | None = None, goal: Numbers | None = None,
+        goal_orientation: Numbers | None = None, sensor_values: Any = None, topic: str | None = None, loops: int = 1,
+        skill_desc: str = "Imitation",
     ) -> list[proto.SkillResult]:  # fmt: skip
         """Go to where a primitive begins and do what it has learned; return how that ended, a result of each time.
 
@@ -620,10 +622,11 @@ class FrankaArm:
 
         Args:
             primitive: of frankapy.dmp.
+            start: where it begins, rad (7,), or m (3,) of the end-effector frame in the base; None: where it was learned, or where
+                the arm is if the primitive does not say.
+            duration, goal, goal_orientation, sensor_values, topic: as of the primitive's `part`.
             loops: how often, each time from its start; 0: it is only looked at.
             skill_desc: goes into states and logs.
-            changed: arguments of the primitive's `part`: duration, start, goal, goal_orientation, sensor_values, topic. Without a
-                start it begins where it was learned, or where the arm is if it does not say.
 
         Raises FrankaArmArgumentError, with what is in the way and where, for a motion that the arm cannot make, FrankaArmException where
         the robot reports an error.
@@ -636,7 +639,10 @@ class FrankaArm:
             >>> primitive = dmp.fit(Demonstration(np.linspace(0, 2, 100), turned).smooth(0.2))
             >>> fa.imitate(primitive, loops=2, duration=3)
         """
-        return imitation.imitate(self, primitive, loops, skill_desc, changed)
+        changed = dict(
+            duration=duration, goal=goal, goal_orientation=goal_orientation, sensor_values=sensor_values, topic=topic
+        )  # fmt: skip
+        return imitation.imitate(self, primitive, start, changed, loops, skill_desc)
 
     @checks_flags
     def execute_joint_velocities(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from frankapy import proto
+from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
 from frankapy.validation import vector, whole
 
@@ -37,10 +38,16 @@ def begin(fa: FrankaArm, primitive: Primitive, start: Any = None) -> tuple[np.nd
     return pose.translation, fa.ik(pose * fa.get_tool_base_pose(), near=joints)
 
 
-def imitate(fa: FrankaArm, primitive: Primitive, loops: int, skill_desc: str, changed: dict[str, Any]) -> list[proto.SkillResult]:
-    """Do what was learned; the work of FrankaArm.imitate."""
+def imitate(
+    fa: FrankaArm, primitive: Primitive, start: Any, changed: dict[str, Any], loops: int, skill_desc: str
+) -> list[proto.SkillResult]:  # fmt: skip
+    """Do what was learned, `changed` being arguments of its part; the work of FrankaArm.imitate."""
+    from frankapy.dmp import Primitive
+
+    if not isinstance(primitive, Primitive):
+        raise FrankaArmArgumentError(f"primitive is a {type(primitive).__name__}: expected a Primitive of frankapy.dmp")
     loops = whole("loops", loops)
-    start, joints = begin(fa, primitive, changed.pop("start", None))
+    start, joints = begin(fa, primitive, start)
     there = proto.TimeOptimalJoint(q=joints, speed=_SPEED)
     trajectory = primitive.part(start=start, **changed)
     fa.check(there)

@@ -380,6 +380,35 @@ def test_a_rate_is_kept_and_a_timer_calls():
     """)
 
 
+def test_what_runs_beside_the_main_thread_sees_ctrl_c():
+    out = run_script("""
+        import os, signal, threading, time
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # which programs in the background are started without
+        import rospy
+        rospy.init_node("test")
+        rospy.on_shutdown(lambda: print("hook", flush=True))
+
+        def work():
+            while not rospy.is_shutdown():
+                time.sleep(0.01)
+            try:
+                rospy.sleep(100)
+            except rospy.ROSInterruptException:
+                print("worker ended", flush=True)
+
+        worker = threading.Thread(target=work)  # the program waits for its end
+        worker.start()
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(100)
+        except KeyboardInterrupt:
+            worker.join()
+            rospy.spin()
+            print("saved", flush=True)
+    """)
+    assert out.split("\n") == ["worker ended", "saved", "hook", ""]
+
+
 def test_log_lines_and_topics_of_ones_own():
     out = run_script("""
         import rospy
