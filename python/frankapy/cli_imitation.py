@@ -44,17 +44,23 @@ def add_commands(add: Add, add_arm: Callable[[argparse.ArgumentParser], None]) -
     )
     learn.add_argument("--ridge", type=float, default=1e-8, help="against large weights (default 1e-8)")
     learn.add_argument(
-        "--sensors", type=float, nargs="+", help="values of the sensors in the first file, then in the next (default: one sensor, 1)"
-    )
+        "--sensors", type=float, nargs="+",
+        help="values of the sensors in the first file, then in the next (default: one sensor, 1)",
+    )  # fmt: skip
     _add_smooth(learn)
-    learn.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what was learned over what was shown; with --sensors over the first")
+    learn.add_argument(
+        "--plot", type=Path, metavar="PICTURE",
+        help="draw what was learned over what was shown; with --sensors over the first",
+    )  # fmt: skip
 
     imitate = add("imitate", _imitate, "let an arm do what it has learned, from where it began")
     imitate.add_argument("file", type=Path, help="what `frankapy learn` wrote, or the .pkl of old scripts")
     add_arm(imitate)
     imitate.add_argument("--duration", type=float, help="s (default: as it was shown)")
     imitate.add_argument("--goal", type=float, nargs="+", help="where to end: rad of 7 joints, or m (default: as it was shown)")
-    imitate.add_argument("--start", type=float, nargs="+", help="where to begin, rad or m (default: as it was shown; of a .pkl: here)")
+    imitate.add_argument(
+        "--start", type=float, nargs="+", help="where to begin, rad or m (default: as it was shown; of a .pkl: here)"
+    )
     imitate.add_argument("--goal-orientation", type=float, nargs=4, metavar=("W", "X", "Y", "Z"), help="of a pose (default: as it was shown)")
     imitate.add_argument("--sensors", type=float, nargs="+", help="weights of its sensors (default 1)")
     imitate.add_argument("--loops", type=int, default=1, help="how often (default 1)")
@@ -107,7 +113,9 @@ def _learn(options: argparse.Namespace) -> int:
     sensors = options.sensors
     if sensors is not None:
         if len(sensors) % len(options.files):
-            raise FrankaArmArgumentError(f"--sensors has {len(sensors)} values: expected as many for each of {len(options.files)} files")
+            raise FrankaArmArgumentError(
+                f"--sensors has {len(sensors)} values: expected as many for each of {len(options.files)} files"
+            )
         sensors = np.reshape(sensors, (len(options.files), -1))
     primitive = dmp.fit(demonstrations, options.kind, options.basis, options.method, options.ridge, sensors)
     primitive.save(options.output)
@@ -146,5 +154,6 @@ def _imitate(options: argparse.Namespace) -> int:
         beyond = primitive.beyond(fa, **changed)
         for line in beyond or ["nothing"] * options.check:
             print(f"slower, or not at all: {line}", file=sys.stderr)
-        fa.imitate(primitive, **changed, loops=0 if options.check else options.loops, skill_desc=f"imitation of {options.file.name}")
+        loops = 0 if options.check else options.loops
+        fa.imitate(primitive, **changed, loops=loops, skill_desc=f"imitation of {options.file.name}")
     return 0

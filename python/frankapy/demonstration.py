@@ -146,7 +146,9 @@ class Demonstration:
                 poses = np.asarray(states["O_T_EE"], dtype=float).reshape(-1, 4, 4)
                 return cls(states["time_since_skill_started"], states["q"], poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
         except KeyError as error:
-            raise FrankaArmArgumentError(f"{path} has no {error} in its skill_state_dict: expected q, O_T_EE, time_since_skill_started") from None
+            raise FrankaArmArgumentError(
+                f"{path} has no {error} in its skill_state_dict: expected q, O_T_EE, time_since_skill_started"
+            ) from None
         except (AttributeError, IndexError, TypeError, ValueError) as error:
             raise FrankaArmArgumentError(f"{path} holds no motion of an arm: {error}") from None
         raise FrankaArmArgumentError(

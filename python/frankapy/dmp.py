@@ -265,8 +265,9 @@ class Primitive:
     def load(cls, path: str | Path) -> Primitive:
         """Read what `save` wrote, or a dictionary of old scripts (.pkl) of joints or of a position.
 
-        A dictionary does not say where its motion begins, so that this one begins wherever the arm is. It takes 1/(2 tau) s. Those of
-        a pose are for fa.execute_pose_dmp and fa.execute_quaternion_pose_dmp: `load_script` reads them.
+        A dictionary does not say where its motion begins, so that this one begins wherever the arm is. It takes
+        1/(2 tau) s. Those of a pose are for fa.execute_pose_dmp and fa.execute_quaternion_pose_dmp: `load_script`
+        reads them.
         """
         path = Path(path)
         if path.suffix == ".pkl":
@@ -277,7 +278,8 @@ class Primitive:
             raise FrankaArmArgumentError(f"{path} cannot be read: {error.strerror}") from None
         arrays = read_npz(path, data, _FORMAT)
         known = {field.name for field in dataclasses.fields(cls)}
-        values = {"start": None} | {name: value.item() if value.ndim == 0 else value for name, value in arrays.items() if name in known}
+        values: dict[str, Any] = {"start": None}
+        values |= {name: value.item() if value.ndim == 0 else value for name, value in arrays.items() if name in known}
         try:
             return cls(**values)
         except TypeError as error:
@@ -292,21 +294,22 @@ class Primitive:
         kinds: dict[int, Kind] = {7 * basis * sensors: "joint", 3 * basis * sensors: "position"}
         if not size or size not in kinds:
             raise FrankaArmArgumentError(
-                f"{path} has {size} weights: expected 7 (of joints) or 3 (of a position) times num_basis {basis} times num_sensors "
-                f"{sensors}; those of 6 are for fa.execute_pose_dmp(dmp.load_script(file), duration)"
+                f"{path} has {size} weights: expected 7 (of joints) or 3 (of a position) times num_basis {basis} "
+                f"times num_sensors {sensors}; those of 6 are for fa.execute_pose_dmp(dmp.load_script(file), duration)"
             )
         fields = checked_fields(str(path), info, size // (basis * sensors))
         if not fields["tau"] > 0:
             raise FrankaArmArgumentError(f"{path}['tau'] is {fields['tau']:g} 1/s: expected more than 0")
         weights = fields["weights"].reshape(-1, sensors, basis)
-        return cls(kinds[size], 0.5 / fields["tau"], None, fields["mu"], fields["h"], weights, fields["alpha"], fields["beta"])
+        T = 0.5 / fields["tau"]
+        return cls(kinds[size], T, None, fields["mu"], fields["h"], weights, fields["alpha"], fields["beta"])
 
     @property
     def info(self) -> dict[str, Any]:
         """The dictionary that execute_joint_dmp, or for positions execute_pose_dmp(position_only=True), takes."""
         return dict(
-            tau=0.5 / self.duration, alpha=self.alpha, beta=self.beta, num_basis=len(self.mu), num_sensors=self.weights.shape[1],
-            mu=self.mu.tolist(), h=self.h.tolist(), weights=self.weights,
+            tau=0.5 / self.duration, alpha=self.alpha, beta=self.beta,
+            num_basis=len(self.mu), num_sensors=self.weights.shape[1], mu=self.mu.tolist(), h=self.h.tolist(), weights=self.weights,
         )  # fmt: skip
 
     @property
@@ -393,9 +396,10 @@ def fit(
         method: "ridge": least squares over all weights at once, with `ridge` against large ones. "local": each weight by
             itself from where its function is large (locally weighted regression), with which few of them matter less.
         ridge: share of the mean square of the basis functions.
-        sensor_values: of each demonstration the values of the sensors in it, (demonstrations, sensors): each sensor has weights of
-            its own then, with which the values of a demonstration give that one, as near as may be. As many demonstrations as
-            sensors are needed, and none a mixture of others. Of a pose sensors lead the position. None: one sensor, which is 1.
+        sensor_values: of each demonstration the values of the sensors in it, (demonstrations, sensors): each sensor has
+            weights of its own then, with which the values of a demonstration give that one, as near as may be. As many
+            demonstrations as sensors are needed, and none a mixture of others. Of a pose sensors lead the position.
+            None: one sensor, which is 1.
 
     Raises FrankaArmArgumentError where a demonstration lacks what the kind needs, or turns by more than 180 degrees from its goal.
     """
@@ -422,8 +426,8 @@ def fit(
     forces = [y + (_rate(_rate(y, step), step) + damping * _rate(y, step)) / stiffness for y in ways]
     # Learning is linear in the force: what the sensors weigh is mixed of what each demonstration does.
     features = _features(t, tau, mu, h)
-    mixture = np.linalg.pinv(values)  # (sensors, demonstrations)
-    weights = np.stack([_solve(features, np.tensordot(share, forces, 1), method, ridge, first=True) for share in mixture], axis=1)
+    mixed = np.tensordot(np.linalg.pinv(values), forces, 1)  # (sensors, n, dimensions)
+    weights = np.stack([_solve(features, force, method, ridge, first=True) for force in mixed], axis=1)
     start = np.mean([_values(each, kind)[0] for each in even], axis=0)
     orientation = _learn_orientation(even, t, basis, method, ridge) if kind == "pose" else {}
     primitive = Primitive(kind, T, start, mu, h, weights, **orientation)
@@ -441,11 +445,12 @@ def _sensor_rows(values: Any, demonstrations: int) -> np.ndarray:
     array = numbers("sensor_values", values).reshape(np.shape(values))
     if array.ndim != 2 or len(array) != demonstrations or not array.size:
         raise FrankaArmArgumentError(
-            f"sensor_values has the shape {array.shape}: expected ({demonstrations}, sensors), a row of each demonstration"
+            f"sensor_values has the shape {array.shape}: expected ({demonstrations}, sensors), a row each"
         )
     if (rank := int(np.linalg.matrix_rank(array))) < array.shape[1]:
         raise FrankaArmArgumentError(
-            f"sensor_values tell {rank} of {array.shape[1]} sensors apart: expected as many demonstrations as sensors, none a mixture of others"
+            f"sensor_values tell {rank} of {array.shape[1]} sensors apart: expected as many demonstrations as sensors, none a "
+            "mixture of others"
         )
     return array
 

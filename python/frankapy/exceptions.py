@@ -43,5 +43,5 @@ class FrankaArmNotPermittedException(FrankaArmException):
 class FrankaArmArgumentError(FrankaArmException, ValueError, AssertionError):
     """What was asked cannot be: sizes, values, frames, unreachable goals. Nothing has moved.
 
-    A ValueError, and for scripts that expect it an AssertionError, which the published client raised for sizes and types.
+    A ValueError, and for scripts that expect it an AssertionError, which the published client raised for sizes.
     """

@@ -241,8 +241,8 @@ class FrankaArm:
     async def gripper_finished(self, ignore_errors: bool = False) -> None:
         """Wait in a coroutine for the end of the gripper command that was last sent.
 
-        Where the coroutine is cancelled the hand is stopped. Raises FrankaArmException for a command that failed, where errors are not
-        ignored.
+        Where the coroutine is cancelled the hand is stopped. Raises FrankaArmException for a command that failed, where
+        errors are not ignored.
 
         Example:
             >>> import asyncio
@@ -612,9 +612,9 @@ class FrankaArm:
         return _guidance.demonstration_of(rows)
 
     def imitate(
-        self, primitive: Primitive, duration: float | None = None, start: Numbers | None = None, goal: Numbers | None = None,
-        goal_orientation: Numbers | None = None, sensor_values: Any = None, topic: str | None = None, loops: int = 1,
-        skill_desc: str = "Imitation",
+        self, primitive: Primitive, duration: float | None = None, start: Numbers | None = None,
+        goal: Numbers | None = None, goal_orientation: Numbers | None = None, sensor_values: Any = None,
+        topic: str | None = None, loops: int = 1, skill_desc: str = "Imitation",
     ) -> list[proto.SkillResult]:  # fmt: skip
         """Go to where a primitive begins and do what it has learned; return how that ended, a result of each time.
 
@@ -622,14 +622,14 @@ class FrankaArm:
 
         Args:
             primitive: of frankapy.dmp.
-            start: where it begins, rad (7,), or m (3,) of the end-effector frame in the base; None: where it was learned, or where
-                the arm is if the primitive does not say.
+            start: where it begins, rad (7,), or m (3,) of the end-effector frame in the base; None: where it was
+                learned, or where the arm is if the primitive does not say.
             duration, goal, goal_orientation, sensor_values, topic: as of the primitive's `part`.
             loops: how often, each time from its start; 0: it is only looked at.
             skill_desc: goes into states and logs.
 
-        Raises FrankaArmArgumentError, with what is in the way and where, for a motion that the arm cannot make, FrankaArmException where
-        the robot reports an error.
+        Raises FrankaArmArgumentError, with what is in the way and where, for a motion that the arm cannot make,
+        FrankaArmException where the robot reports an error.
 
         Example:
             >>> import numpy as np

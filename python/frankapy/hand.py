@@ -98,7 +98,7 @@ class Hand:
             self._finish(call, ignore_errors=True)
 
     async def finished(self, ignore_errors: bool) -> None:
-        """Wait in a coroutine for the end of the command that was last sent; the hand is stopped where the coroutine is cancelled."""
+        """Wait in a coroutine for the end of the command that was last sent; the hand is stopped where that is cancelled."""
         import asyncio  # which takes its time
 
         if (call := self._last) is None:

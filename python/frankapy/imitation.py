@@ -21,8 +21,8 @@ _SPEED = 0.2  # of the limits, to where a motion begins
 def begin(fa: FrankaArm, primitive: Primitive, start: Any = None) -> tuple[np.ndarray, np.ndarray]:
     """Return where a motion begins, rad (7,) or m (3,), and the joints there, rad (7,).
 
-    At `start`; None: where the primitive was learned, or where the arm is if it does not say. Raises FrankaArmArgumentError where no
-    joints bring the tool there.
+    At `start`; None: where the primitive was learned, or where the arm is if it does not say. Raises
+    FrankaArmArgumentError where no joints bring the tool there.
     """
     start = primitive.start if start is None else vector("start", start, len(primitive.weights))
     joints = fa.get_joints()

@@ -555,7 +555,10 @@ TAKES_ANYTHING = {"log_info", "get_speed", "publish_sensor_data", "publish_senso
 METHODS = [
     name
     for name, method in inspect.getmembers(FrankaArm, inspect.isfunction)
-    if not name.startswith("_") and name not in TAKES_ANYTHING | {"finished", "gripper_finished"} and len(inspect.signature(method).parameters) > 1
+    if not name.startswith("_")
+    and name not in TAKES_ANYTHING
+    and not inspect.iscoroutinefunction(inspect.unwrap(method))
+    and len(inspect.signature(method).parameters) > 1
 ]
 
 

@@ -17,8 +17,14 @@ from conftest import HOME
 
 import frankapy
 from frankapy import (
-    FrankaArm, FrankaArmArgumentError, FrankaArmException, FrankaArmStateClient, RigidTransform, SensorDataMessageType, proto,
-)  # fmt: skip
+    FrankaArm,
+    FrankaArmArgumentError,
+    FrankaArmException,
+    FrankaArmStateClient,
+    RigidTransform,
+    SensorDataMessageType,
+    proto,
+)
 from frankapy import FrankaConstants as FC
 from frankapy.cli import COMPAT
 from frankapy.collision_boxes import as_box, meet
@@ -478,7 +484,9 @@ AUTOLAB_CORE = """
 
         @rotation.setter
         def rotation(self, rotation):
-            self._rotation = np.array(self.rotation_from_quaternion(rotation) if np.size(rotation) == 4 else rotation, dtype=float)
+            if np.size(rotation) == 4:
+                rotation = self.rotation_from_quaternion(rotation)
+            self._rotation = np.array(rotation, dtype=float)
             if self._rotation.shape != (3, 3) or abs(np.linalg.det(self._rotation) - 1) > 1e-3:
                 raise ValueError("Illegal rotation")
 
@@ -491,7 +499,7 @@ AUTOLAB_CORE = """
             return np.vstack([np.column_stack([self._rotation, self._translation]), [0, 0, 0, 1]])
 
         @property
-        def quaternion(self):  # the eigenvector of the greatest eigenvalue of this symmetric matrix, of which eigh reads one half
+        def quaternion(self):  # an eigenvector of this symmetric matrix, of which eigh reads one half
             r = self._rotation
             matrix = np.diag(np.r_[2 * np.diag(r) - np.trace(r), np.trace(r)])
             matrix[[1, 2, 2], [0, 0, 1]] = r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] + r[1, 2]
@@ -518,7 +526,8 @@ AUTOLAB_CORE = """
             return RigidTransform.rotation_from_quaternion([np.cos(theta / 2), 0, 0, np.sin(theta / 2)])
 
         def inverse(self):
-            return RigidTransform(self._rotation.T, -self._rotation.T @ self._translation, self._to_frame, self._from_frame)
+            back = self._rotation.T
+            return RigidTransform(back, -back @ self._translation, self._to_frame, self._from_frame)
 
         def copy(self):
             return RigidTransform(self._rotation, self._translation, self._from_frame, self._to_frame)
@@ -559,8 +568,9 @@ def test_poses_are_autolab_cores_in_and_out(where, fa, ideal_arm, tmp_path, monk
         start = fa.get_pose()
         state = fa.get_robot_state()
         given = [
-            start, fa.get_pose(include_tool_offset=False), fa.get_tool_base_pose(), *fa.get_finger_poses(), state["pose"],
-            state["pose_desired"], FC.HOME_POSE, FC.READY_POSE, *fa.get_links_transforms(FC.HOME_JOINTS, use_rigid_transforms=True),
+            start, fa.get_pose(include_tool_offset=False), fa.get_tool_base_pose(), *fa.get_finger_poses(),
+            state["pose"], state["pose_desired"], FC.HOME_POSE, FC.READY_POSE,
+            *fa.get_links_transforms(FC.HOME_JOINTS, use_rigid_transforms=True),
             *fa.get_collision_boxes_poses(use_rigid_transforms=True), FrankaArmStateClient().get_pose(),
             convert_array_to_rigid_transform(convert_rigid_transform_to_array(start)),
         ]
@@ -574,9 +584,10 @@ def test_poses_are_autolab_cores_in_and_out(where, fa, ideal_arm, tmp_path, monk
         goal = goal * turn
         fa.goto_pose(goal, duration=2, use_impedance=False)
         now = fa.get_pose()
-        assert np.allclose(now.translation, goal.translation, atol=0.002) and np.allclose(now.rotation, goal.rotation, atol=0.01)
-        fa.goto_pose_delta(RigidTransform(translation=[0, 0, -0.05], from_frame="franka_tool", to_frame="franka_tool"), 1)
-        fa.set_tool_delta_pose(RigidTransform(translation=[0, 0, 0.05], from_frame="franka_tool", to_frame="franka_tool_base"))
+        assert np.allclose(now.matrix, goal.matrix, atol=0.01)
+        tool, base = "franka_tool", "franka_tool_base"
+        fa.goto_pose_delta(RigidTransform(translation=[0, 0, -0.05], from_frame=tool, to_frame=tool), 1)
+        fa.set_tool_delta_pose(RigidTransform(translation=[0, 0, 0.05], from_frame=tool, to_frame=base))
         assert np.allclose(fa.get_pose().translation, now.translation, atol=0.004)
         fa.goto_pose_by_joints(now)
         assert np.allclose(fa.get_pose().translation, now.translation, atol=0.002)
@@ -598,10 +609,10 @@ def test_poses_are_autolab_cores_in_and_out(where, fa, ideal_arm, tmp_path, monk
         fa.imitate(dmp.fit(shown, "pose"), duration=3)
         assert abs(fa.get_pose().translation[1] - way[-1].translation[1]) < 0.01
     """
-    environment = os.environ | {"FRANKA_INTERFACE_SERVER": ideal_arm.server}
     done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)], env=environment, capture_output=True, text=True, timeout=300, check=False
-    )
+        [sys.executable, "-c", textwrap.dedent(program)],
+        env=os.environ | {"FRANKA_INTERFACE_SERVER": ideal_arm.server}, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
 
 
