@@ -26,8 +26,8 @@ ALONE = exec 9< . && { flock -n 9 || { echo "Another make is at work here: waiti
 
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help packages setup build programs demo demo-lockstep test test-cpp test-python test-nightly types wall wall-20 bench bench-programs \
-	interop interop-lockstep safety safety-gate peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
+.PHONY: help packages setup build programs demo demo-lockstep pictures test test-cpp test-python test-nightly types wall wall-20 \
+	bench bench-programs interop interop-lockstep safety safety-gate peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -45,6 +45,9 @@ programs: $(BUILD)/build.ninja
 
 demo: programs $(VENV)/.frankapy ## watch a Python script move a simulated arm
 	$(VENV)/bin/python examples/demo.py
+
+pictures: programs $(VENV)/.frankapy ## draw the pictures of docs/tutorial.md anew
+	TUTORIAL_PICTURES=docs/tutorial $(VENV)/bin/python -m pytest tests/python/test_tutorial.py
 
 demo-lockstep: programs $(VENV)/.frankapy
 	$(VENV)/bin/python examples/demo.py --lockstep

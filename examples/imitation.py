@@ -1,10 +1,10 @@
 """Lead the arm by hand; it does it again, and then twice as fast. Start an arm first, a real one, or `frankapy sim`.
 
-Of a simulated arm, in another terminal, the hand is `frankapy.sim.ControlChannel(address).hand(positions, times)`.
+Of a simulated arm, in another terminal, the hand is `frankapy.sim.ControlChannel(address).hand(positions, times)`. The
+picture needs matplotlib.
 """
 
 from frankapy import FrankaArm, dmp
-from frankapy.parts import InternalImpedance
 
 fa = FrankaArm()
 fa.reset_joints(duration=2)
@@ -13,10 +13,10 @@ print("Lead the arm for 8 s.")
 motion = fa.demonstrate(8).trimmed().smooth()
 primitive = dmp.fit(motion, "joint")
 print(primitive)
+primitive.plot(motion, limits=fa.limits).savefig("imitation.png")  # what it will do, over what was shown
 for line in primitive.beyond(fa):
     print("the arm will be slower:", line)
 
 for duration in (motion.duration, motion.duration / 2):
-    fa.goto_joints(motion.joints[0], duration=2)
-    result = fa.run(primitive.part(duration), InternalImpedance())
+    (result,) = fa.imitate(primitive, duration=duration)
     print(f"asked for {duration:.1f} s, took {result.time:.1f} s")

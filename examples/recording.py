@@ -19,5 +19,6 @@ with fa.recording() as status:
 recording = Recording(status().file)
 states = recording.states
 moving = states["skill_id"] != 0
-print(recording.path)
+recording.plot().savefig("recording.png")
+print(f"{recording.path}, drawn in recording.png")
 print(f"{moving.sum()} cycles of motion, torques up to {np.abs(states['tau_J'][moving]).max(axis=0).round(1)} Nm")

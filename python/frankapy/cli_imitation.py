@@ -8,7 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from frankapy import parts
+import numpy as np
+
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
 
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -42,15 +43,24 @@ def add_commands(add: Add, add_arm: Callable[[argparse.ArgumentParser], None]) -
         "--method", default="ridge", choices=["ridge", "local"], help="ridge regression (default), or locally weighted"
     )
     learn.add_argument("--ridge", type=float, default=1e-8, help="against large weights (default 1e-8)")
+    learn.add_argument(
+        "--sensors", type=float, nargs="+",
+        help="values of the sensors in the first file, then in the next (default: one sensor, 1)",
+    )  # fmt: skip
     _add_smooth(learn)
-    learn.add_argument("--plot", type=Path, metavar="PICTURE", help="draw what was learned over what was shown")
+    learn.add_argument(
+        "--plot", type=Path, metavar="PICTURE",
+        help="draw what was learned over what was shown; with --sensors over the first",
+    )  # fmt: skip
 
     imitate = add("imitate", _imitate, "let an arm do what it has learned, from where it began")
-    imitate.add_argument("file", type=Path, help="what `frankapy learn` wrote")
+    imitate.add_argument("file", type=Path, help="what `frankapy learn` wrote, or the .pkl of old scripts")
     add_arm(imitate)
     imitate.add_argument("--duration", type=float, help="s (default: as it was shown)")
     imitate.add_argument("--goal", type=float, nargs="+", help="where to end: rad of 7 joints, or m (default: as it was shown)")
-    imitate.add_argument("--start", type=float, nargs="+", help="where to begin, rad or m (default: where it began as it was shown)")
+    imitate.add_argument(
+        "--start", type=float, nargs="+", help="where to begin, rad or m (default: as it was shown; of a .pkl: here)"
+    )
     imitate.add_argument("--goal-orientation", type=float, nargs=4, metavar=("W", "X", "Y", "Z"), help="of a pose (default: as it was shown)")
     imitate.add_argument("--sensors", type=float, nargs="+", help="weights of its sensors (default 1)")
     imitate.add_argument("--loops", type=int, default=1, help="how often (default 1)")
@@ -100,11 +110,21 @@ def _learn(options: argparse.Namespace) -> int:
     demonstrations = [Demonstration.load(file).trimmed() for file in options.files]
     if options.smooth > 0:
         demonstrations = [demonstration.smooth(options.smooth) for demonstration in demonstrations]
-    primitive = dmp.fit(demonstrations, options.kind, basis=options.basis, method=options.method, ridge=options.ridge)
+    sensors = options.sensors
+    if sensors is not None:
+        if len(sensors) % len(options.files):
+            raise FrankaArmArgumentError(
+                f"--sensors has {len(sensors)} values: expected as many for each of {len(options.files)} files"
+            )
+        sensors = np.reshape(sensors, (len(options.files), -1))
+    primitive = dmp.fit(demonstrations, options.kind, options.basis, options.method, options.ridge, sensors)
     primitive.save(options.output)
     print(f"{options.output}: {primitive!r}")
     if options.plot:
-        _draw(options.plot, primitive.plot, demonstrations)
+        if sensors is None:
+            _draw(options.plot, primitive.plot, demonstrations)
+        else:
+            _draw(options.plot, primitive.plot, demonstrations[:1], sensor_values=sensors[0])
     return 0
 
 
@@ -117,39 +137,23 @@ def _draw(file: Path, plot: Callable[..., Any], *arguments: Any, **named: Any) -
 
 
 def _imitate(options: argparse.Namespace) -> int:
-    from frankapy import FrankaArm, RigidTransform
+    from frankapy import FrankaArm, imitation
     from frankapy.demonstration import Demonstration
     from frankapy.dmp import Primitive
 
     primitive = Primitive.load(options.file)
-    changed = dict(
-        duration=options.duration, start=options.start, goal=options.goal, goal_orientation=options.goal_orientation,
-        sensor_values=options.sensors,
-    )  # fmt: skip
-    start = primitive.start if options.start is None else options.start
-    trajectory = primitive.part(**changed)
     with FrankaArm(server=options.server, robot_num=options.arm) as fa:
+        changed = dict(
+            duration=options.duration, start=imitation.begin(fa, primitive, options.start)[0], goal=options.goal,
+            goal_orientation=options.goal_orientation, sensor_values=options.sensors,
+        )  # fmt: skip
         if options.plot:
             shown = [Demonstration.load(file).trimmed() for file in options.over]
             _draw(options.plot, primitive.plot, shown, limits=fa.limits, **changed)
             print(options.plot)
-        for loop in range(0 if options.check else options.loops):
-            if primitive.kind == "joint":
-                fa.goto_joints(start, ignore_virtual_walls=True)
-            else:
-                pose = fa.get_pose(include_tool_offset=False)
-                if primitive.start_orientation is not None:
-                    pose.rotation = RigidTransform.rotation_from_quaternion(primitive.start_orientation)
-                pose.translation = start
-                fa.run(parts.MinJerkPose(pose, 4), parts.InternalImpedance())
-            if loop == 0:
-                _tell(primitive.beyond(fa, **changed))
-            fa.run(trajectory, parts.InternalImpedance(), skill_desc=f"imitation of {options.file.name}")
-        if options.check:
-            _tell(primitive.beyond(fa, **changed) or ["nothing"])
+        beyond = primitive.beyond(fa, **changed)
+        for line in beyond or ["nothing"] * options.check:
+            print(f"slower, or not at all: {line}", file=sys.stderr)
+        loops = 0 if options.check else options.loops
+        fa.imitate(primitive, **changed, loops=loops, skill_desc=f"imitation of {options.file.name}")
     return 0
-
-
-def _tell(lines: list[str]) -> None:
-    for line in lines:
-        print(f"slower, or not at all: {line}", file=sys.stderr)

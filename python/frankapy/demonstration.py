@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from frankapy.dmp_dictionaries import KEYS
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
 
@@ -136,15 +137,18 @@ class Demonstration:
 
     @classmethod
     def _of_script(cls, path: Path, data: Any) -> Demonstration:
-        skill = next(iter(data.values()), None) if isinstance(data, dict) else None
-        states = skill.get("skill_state_dict") if isinstance(skill, dict) else None
         try:
             if isinstance(data, list) and data and all(isinstance(pose, _PickledPose) for pose in data):
                 poses = np.array([pose.matrix for pose in data])
                 return cls(np.arange(len(poses)) / _RATE, None, poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
-            if isinstance(states, dict) and {"q", "O_T_EE", "time_since_skill_started"} <= states.keys():
+            if _is_recorded(data):
+                states = next(iter(data.values()))["skill_state_dict"]
                 poses = np.asarray(states["O_T_EE"], dtype=float).reshape(-1, 4, 4)
                 return cls(states["time_since_skill_started"], states["q"], poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
+        except KeyError as error:
+            raise FrankaArmArgumentError(
+                f"{path} has no {error} in its skill_state_dict: expected q, O_T_EE, time_since_skill_started"
+            ) from None
         except (AttributeError, IndexError, TypeError, ValueError) as error:
             raise FrankaArmArgumentError(f"{path} holds no motion of an arm: {error}") from None
         raise FrankaArmArgumentError(
@@ -294,6 +298,11 @@ class _Unpickler(pickle.Unpickler):
         raise pickle.UnpicklingError(f"it wants {module}.{name}, which is not made from files")
 
 
+def _is_recorded(data: Any) -> bool:
+    skill = next(iter(data.values()), None) if isinstance(data, dict) else None
+    return isinstance(skill, dict) and isinstance(skill.get("skill_state_dict"), dict)
+
+
 def unpickle(path: Path, data: bytes) -> Any:
     """Return what a pickle holds, without running code in it; raises FrankaArmArgumentError where it is broken or holds more."""
     try:
@@ -303,7 +312,13 @@ def unpickle(path: Path, data: bytes) -> Any:
 
 
 def held(data: Any) -> str:
-    """Name what a pickle holds."""
+    """Name what a pickle holds, and who reads what old scripts wrote."""
+    if _is_recorded(data):
+        return "what record_trajectory.py writes, which Demonstration.load reads"
+    if isinstance(data, list) and data and isinstance(data[0], _PickledPose):
+        return "a list of poses, which Demonstration.load reads"
+    if isinstance(data, dict) and set(KEYS) <= data.keys():
+        return "the dictionary of a movement primitive, which dmp.load_script and Primitive.load read"
     if isinstance(data, dict):
         return f"a dictionary with {', '.join(map(str, data))}" if data else "an empty dictionary"
     if isinstance(data, list):

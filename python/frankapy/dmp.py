@@ -16,10 +16,10 @@ from google.protobuf.message import Message
 
 from frankapy import proto
 from frankapy.demonstration import Demonstration, held, read_npz, unpickle, write_npz
-from frankapy.dmp_dictionaries import KEYS
+from frankapy.dmp_dictionaries import KEYS, checked_fields
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import number, vector
+from frankapy.validation import number, numbers, text, vector, whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,11 +53,12 @@ class Primitive:
 
     kind: Kind
     duration: float  # s
-    start: np.ndarray  # where the demonstration began: rad (7,), or m (3,)
+    start: np.ndarray | None  # where the demonstration began: rad (7,), or m (3,); None: wherever the arm is
     mu: np.ndarray
     h: np.ndarray
     weights: np.ndarray  # of each dimension, sensor and basis function
     alpha: float = _ALPHA
+    beta: float = _ALPHA / 4
     rms: float = 0.0
     # Of a pose:
     start_orientation: np.ndarray | None = None  # w, x, y, z
@@ -73,7 +74,9 @@ class Primitive:
             raise FrankaArmArgumentError(f"kind is {self.kind!r}: expected one of {', '.join(_KINDS)}")
         dimensions, basis = (7 if self.kind == "joint" else 3), np.size(self.mu)
         sensors = np.shape(self.weights)[1] if np.ndim(self.weights) == 3 else 1
-        shapes = {"start": (dimensions,), "mu": (basis,), "h": (basis,), "weights": (dimensions, sensors, basis)}
+        shapes = {"mu": (basis,), "h": (basis,), "weights": (dimensions, sensors, basis)}
+        if self.start is not None:
+            shapes["start"] = (dimensions,)
         if self.kind == "pose":
             quat_basis = np.size(np.asarray(self.quat_mu))
             shapes |= {"start_orientation": (4,), "goal_orientation": (4,), "quat_mu": (quat_basis,), "quat_h": (quat_basis,)}
@@ -85,7 +88,7 @@ class Primitive:
     @property
     def goal(self) -> np.ndarray:
         """Where it ends when it begins at `start`; rad (7,), or m (3,)."""
-        return self.start + self._rollout(self.weights.sum(axis=1), self.duration)[-1]
+        return self._begin(None) + self._rollout(self.weights.sum(axis=1), self.duration)[-1]
 
     def part(
         self,
@@ -117,8 +120,8 @@ class Primitive:
         if sensor_values is not None:
             values["initial_sensor_values"] = self._sensor_values(sensor_values)
         if topic is not None:
-            values["topic"] = topic
-        spring: dict[str, Any] = dict(tau=0.5 / T, alpha=self.alpha, beta=self.alpha / 4, mu=self.mu, h=self.h)
+            values["topic"] = text("topic", topic, 256)
+        spring: dict[str, Any] = dict(tau=0.5 / T, alpha=self.alpha, beta=self.beta, mu=self.mu, h=self.h)
         if self.kind == "joint":
             return proto.JointDmp(**spring, **values)
         if self.kind == "position":
@@ -142,8 +145,7 @@ class Primitive:
         T = self.duration if duration is None else number("duration", duration)
         weights = self._weights_to(start, goal, sensor_values)
         y = self._rollout((weights * self._sensors(sensor_values)).sum(axis=1), T)
-        begin = self.start if start is None else vector("start", start, len(self.start))
-        return np.linspace(0, T, len(y)), begin + y
+        return np.linspace(0, T, len(y)), self._begin(start) + y
 
     def orientations(self, duration: float | None = None, start: Any = None, goal: Any = None) -> np.ndarray:
         """Return the orientations of a pose's rollout; w, x, y, z (n, 4), from `start` to `goal` (None: as learned)."""
@@ -261,17 +263,23 @@ class Primitive:
 
     @classmethod
     def load(cls, path: str | Path) -> Primitive:
-        """Read what `save` wrote as .npz. Dictionaries of old scripts (.pkl) are read by `load_script`."""
+        """Read what `save` wrote, or a dictionary of old scripts (.pkl) of joints or of a position.
+
+        A dictionary does not say where its motion begins, so that this one begins wherever the arm is. It takes
+        1/(2 tau) s. Those of a pose are for fa.execute_pose_dmp and fa.execute_quaternion_pose_dmp: `load_script`
+        reads them.
+        """
         path = Path(path)
         if path.suffix == ".pkl":
-            raise FrankaArmArgumentError(f"{path} is a pickle: dmp.load_script reads those of old scripts, for fa.execute_joint_dmp and the like")
+            return cls._of_script(path, load_script(path))
         try:
             data = path.read_bytes()
         except OSError as error:
             raise FrankaArmArgumentError(f"{path} cannot be read: {error.strerror}") from None
         arrays = read_npz(path, data, _FORMAT)
         known = {field.name for field in dataclasses.fields(cls)}
-        values = {name: value.item() if value.ndim == 0 else value for name, value in arrays.items() if name in known}
+        values: dict[str, Any] = {"start": None}
+        values |= {name: value.item() if value.ndim == 0 else value for name, value in arrays.items() if name in known}
         try:
             return cls(**values)
         except TypeError as error:
@@ -279,12 +287,29 @@ class Primitive:
         except FrankaArmArgumentError as error:
             raise FrankaArmArgumentError(f"{path} is a broken primitive: {error.message}") from None
 
+    @classmethod
+    def _of_script(cls, path: Path, info: dict[str, Any]) -> Primitive:
+        size = len(numbers(f"{path}['weights']", info["weights"]))
+        basis, sensors = (whole(f"{path}[{key!r}]", info[key]) for key in ("num_basis", "num_sensors"))
+        kinds: dict[int, Kind] = {7 * basis * sensors: "joint", 3 * basis * sensors: "position"}
+        if not size or size not in kinds:
+            raise FrankaArmArgumentError(
+                f"{path} has {size} weights: expected 7 (of joints) or 3 (of a position) times num_basis {basis} "
+                f"times num_sensors {sensors}; those of 6 are for fa.execute_pose_dmp(dmp.load_script(file), duration)"
+            )
+        fields = checked_fields(str(path), info, size // (basis * sensors))
+        if not fields["tau"] > 0:
+            raise FrankaArmArgumentError(f"{path}['tau'] is {fields['tau']:g} 1/s: expected more than 0")
+        weights = fields["weights"].reshape(-1, sensors, basis)
+        T = 0.5 / fields["tau"]
+        return cls(kinds[size], T, None, fields["mu"], fields["h"], weights, fields["alpha"], fields["beta"])
+
     @property
     def info(self) -> dict[str, Any]:
         """The dictionary that execute_joint_dmp, or for positions execute_pose_dmp(position_only=True), takes."""
         return dict(
-            tau=0.5 / self.duration, alpha=self.alpha, beta=self.alpha / 4, num_basis=len(self.mu), num_sensors=self.weights.shape[1],
-            mu=self.mu.tolist(), h=self.h.tolist(), weights=self.weights,
+            tau=0.5 / self.duration, alpha=self.alpha, beta=self.beta,
+            num_basis=len(self.mu), num_sensors=self.weights.shape[1], mu=self.mu.tolist(), h=self.h.tolist(), weights=self.weights,
         )  # fmt: skip
 
     @property
@@ -308,7 +333,7 @@ class Primitive:
     def _rollout(self, weights: np.ndarray, duration: float) -> np.ndarray:
         """Positions at even steps from rest at 0; `weights` (dimensions, basis)."""
         tau = 0.5 / duration
-        stiffness = self.alpha**2 / 4 * tau**2
+        stiffness = self.alpha * self.beta * tau**2
         force = lambda t: _features(t, tau, self.mu, self.h) @ weights.T  # noqa: E731
         return _spring(force, duration, stiffness, self.alpha * tau, stiffness, np.zeros(len(weights)))
 
@@ -316,8 +341,7 @@ class Primitive:
         """The weights with which a rollout from `start` ends at `goal`."""
         if goal is None:
             return self.weights
-        begin = self.start if start is None else vector("start", start, len(self.start))
-        end = vector("goal", goal, len(self.start))
+        begin, end = self._begin(start), vector("goal", goal, len(self.weights))
         sensors = self._sensors(sensor_values)
         total = sensors[:, :, 0].sum(axis=1)
         if np.any(np.abs(total) < 1e-6):
@@ -331,6 +355,14 @@ class Primitive:
         weights[:, :, 0] += (missing / reached / total)[:, None]
         return weights
 
+    def _begin(self, start: Any) -> np.ndarray:
+        """Where it begins: at `start`; None: where it was learned."""
+        if start is not None:
+            return vector("start", start, len(self.weights))
+        if self.start is None:
+            raise FrankaArmArgumentError("start is missing: this primitive does not say where it was learned")
+        return self.start
+
     def _sensors(self, values: Any) -> np.ndarray:
         """By what the weights of each dimension and sensor count, (dimensions, sensors, 1)."""
         shape = self.weights.shape[:2]
@@ -339,7 +371,7 @@ class Primitive:
 
     def _sensor_values(self, values: Any) -> np.ndarray:
         sensors, dimensions = self.weights.shape[1], self.weights.shape[0]
-        array = np.asarray(values, dtype=float)
+        array = numbers("sensor_values", values).reshape(np.shape(values))
         expected = [(sensors,)] if self.kind == "joint" else [(sensors,), (dimensions, sensors)]
         if array.shape not in expected:
             raise FrankaArmArgumentError(f"sensor_values has the shape {array.shape}: expected {' or '.join(map(str, expected))}")
@@ -352,17 +384,22 @@ def fit(
     basis: int = 25,
     method: Literal["ridge", "local"] = "ridge",
     ridge: float = 1e-8,
+    sensor_values: Any = None,
 ) -> Primitive:
     """Learn a primitive from a demonstration, or from several of one motion.
 
     Args:
         demonstrations: several may begin and end at different places and take different times; what they have in common is
-            learned, as long as their mean and towards their mean goal.
+            learned, as long as their mean and towards their mean goal. With `sensor_values`, what they differ by.
         kind: "joint", "position" (of the tool), or "pose" (position, and orientation by its rotation vector from the goal).
         basis: functions, 2 to 100.
         method: "ridge": least squares over all weights at once, with `ridge` against large ones. "local": each weight by
             itself from where its function is large (locally weighted regression), with which few of them matter less.
         ridge: share of the mean square of the basis functions.
+        sensor_values: of each demonstration the values of the sensors in it, (demonstrations, sensors): each sensor has
+            weights of its own then, with which the values of a demonstration give that one, as near as may be. As many
+            demonstrations as sensors are needed, and none a mixture of others. Of a pose sensors lead the position.
+            None: one sensor, which is 1.
 
     Raises FrankaArmArgumentError where a demonstration lacks what the kind needs, or turns by more than 180 degrees from its goal.
     """
@@ -377,6 +414,7 @@ def fit(
         raise FrankaArmArgumentError(f"method is {method!r}: expected 'ridge' or 'local'")
     if not ridge >= 0:
         raise FrankaArmArgumentError(f"ridge is {ridge!r}: expected at least 0")
+    values = np.ones((len(listed), 1)) if sensor_values is None else _sensor_rows(sensor_values, len(listed))
     T = float(np.mean([each.duration for each in listed]))
     even = [each.resampled(_SAMPLES) for each in listed]
     t = np.linspace(0, T, _SAMPLES)
@@ -386,17 +424,35 @@ def fit(
     stiffness, damping = _ALPHA**2 / 4 * tau**2, _ALPHA * tau
     ways = [_values(each, kind) - _values(each, kind)[0] for each in even]
     forces = [y + (_rate(_rate(y, step), step) + damping * _rate(y, step)) / stiffness for y in ways]
-    weights = _solve(_features(t, tau, mu, h), np.mean(forces, axis=0), method, ridge, first=True)
+    # Learning is linear in the force: what the sensors weigh is mixed of what each demonstration does.
+    features = _features(t, tau, mu, h)
+    mixed = np.tensordot(np.linalg.pinv(values), forces, 1)  # (sensors, n, dimensions)
+    weights = np.stack([_solve(features, force, method, ridge, first=True) for force in mixed], axis=1)
     start = np.mean([_values(each, kind)[0] for each in even], axis=0)
     orientation = _learn_orientation(even, t, basis, method, ridge) if kind == "pose" else {}
-    primitive = Primitive(kind, T, start, mu, h, weights[:, None, :], **orientation)
+    primitive = Primitive(kind, T, start, mu, h, weights, **orientation)
     if kind == "pose":
         primitive.rms_angle = _rms_angle(primitive, even)
-    times, rollout = primitive.rollout()
-    made = np.column_stack([np.interp(t, times, column) for column in rollout.T]) - start
-    errors = [made - way for way in ways]
+    errors = []
+    for way, row in zip(ways, values, strict=True):
+        times, rollout = primitive.rollout(sensor_values=row)
+        errors.append(np.column_stack([np.interp(t, times, column) for column in rollout.T]) - start - way)
     primitive.rms = float(np.sqrt(np.mean(np.sum(np.square(errors), axis=-1))))
     return primitive
+
+
+def _sensor_rows(values: Any, demonstrations: int) -> np.ndarray:
+    array = numbers("sensor_values", values).reshape(np.shape(values))
+    if array.ndim != 2 or len(array) != demonstrations or not array.size:
+        raise FrankaArmArgumentError(
+            f"sensor_values has the shape {array.shape}: expected ({demonstrations}, sensors), a row each"
+        )
+    if (rank := int(np.linalg.matrix_rank(array))) < array.shape[1]:
+        raise FrankaArmArgumentError(
+            f"sensor_values tell {rank} of {array.shape[1]} sensors apart: expected as many demonstrations as sensors, none a "
+            "mixture of others"
+        )
+    return array
 
 
 def load_script(path: str | Path) -> dict[str, Any]:

@@ -19,7 +19,7 @@ _QUATERNION_TYPED = 0.05  # by which the norm of one that was typed in may diffe
 def joint_dmp(info: Mapping[str, Any], duration: Any, sensor_values: Any) -> proto.JointDmp:
     """Return the trajectory of execute_joint_dmp."""
     return proto.JointDmp(
-        **_fields("joint_dmp_info", info, 7),
+        **checked_fields("joint_dmp_info", info, 7),
         initial_sensor_values=_sensor_values(sensor_values, info, 1),
         duration=number("duration", duration),
     )
@@ -38,7 +38,7 @@ def pose_dmp(
     dimensions = 3 if orientation_only or position_only else 6
     kind = proto.GoalPoseDmp if use_goal_formulation else proto.PoseDmp
     return kind(
-        **_fields("pose_dmp_info", info, dimensions),
+        **checked_fields("pose_dmp_info", info, dimensions),
         initial_sensor_values=_sensor_values(sensor_values, info, dimensions),
         duration=number("duration", duration),
         position_only=position_only,
@@ -61,10 +61,10 @@ def quaternion_pose_dmp(
     norm = float(np.linalg.norm(goal))
     if abs(norm - 1) > _QUATERNION_TYPED:
         raise FrankaArmArgumentError(f"goal_quat has the norm {norm:.6g}: expected w, x, y, z of a unit quaternion")
-    quat = _fields("quat_dmp_info", quat_info, 3)
+    quat = checked_fields("quat_dmp_info", quat_info, 3)
     del quat["tau"]
     return proto.QuaternionPoseDmp(
-        **{f"position_{key}": value for key, value in _fields("position_dmp_info", position_info, 3).items()},
+        **{f"position_{key}": value for key, value in checked_fields("position_dmp_info", position_info, 3).items()},
         **{f"quat_{key}": value for key, value in quat.items()},
         initial_sensor_values=_sensor_values(sensor_values, position_info, 3),
         goal_quat=goal / norm,
@@ -74,7 +74,7 @@ def quaternion_pose_dmp(
     )
 
 
-def _fields(name: str, info: Mapping[str, Any], dimensions: int) -> dict[str, Any]:
+def checked_fields(name: str, info: Mapping[str, Any], dimensions: int) -> dict[str, Any]:
     """Return the fields of a dictionary, of which sizes agree."""
     if not isinstance(info, Mapping):
         raise FrankaArmArgumentError(f"{name} is a {type(info).__name__}: expected a dictionary with {', '.join(KEYS)}")
@@ -82,11 +82,12 @@ def _fields(name: str, info: Mapping[str, Any], dimensions: int) -> dict[str, An
     if missing:
         raise FrankaArmArgumentError(f"{name} has no {missing[0]}: expected {', '.join(KEYS)}")
     basis, sensors = (number(f"{name}[{key!r}]", info[key]) for key in ("num_basis", "num_sensors"))
+    only = " (3 with position_only or orientation_only)" if dimensions == 6 else ""
     fields: dict[str, Any] = {key: number(f"{name}[{key!r}]", info[key]) for key in ("tau", "alpha", "beta")}
     for key, size, of in [
         ("mu", basis, "num_basis"),
         ("h", basis, "num_basis"),
-        ("weights", dimensions * basis * sensors, f"{dimensions} dimensions times num_basis times num_sensors"),
+        ("weights", dimensions * basis * sensors, f"{dimensions} dimensions{only} times num_basis times num_sensors"),
     ]:
         fields[key] = numbers(f"{name}[{key!r}]", info[key])
         if len(fields[key]) != size:

@@ -40,5 +40,8 @@ class FrankaArmNotPermittedException(FrankaArmException):
     """The role of this client's key does not allow it; see docs/keys.md."""
 
 
-class FrankaArmArgumentError(FrankaArmException, ValueError):
-    """What was asked cannot be: sizes, values, frames, unreachable goals. Nothing has moved."""
+class FrankaArmArgumentError(FrankaArmException, ValueError, AssertionError):
+    """What was asked cannot be: sizes, values, frames, unreachable goals. Nothing has moved.
+
+    A ValueError, and for scripts that expect it an AssertionError, which the published client raised for sizes.
+    """

@@ -9,7 +9,7 @@ import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from google.protobuf.message import Message
@@ -20,6 +20,7 @@ from frankapy import (
     dmp_dictionaries,
     endings,
     hand,
+    imitation,
     kinematics,
     poses,
     proto,
@@ -52,6 +53,9 @@ from frankapy.states import RobotState, StateReader, StateStream
 from frankapy.utils import franka_pose_to_rigid_transform
 from frankapy.validation import checks_flags, number, table, text, validate, vector, whole
 from frankapy.walls import Walls
+
+if TYPE_CHECKING:
+    from frankapy.dmp import Primitive
 
 logger = logging.getLogger("frankapy")
 
@@ -232,6 +236,23 @@ class FrankaArm:
     def wait_for_gripper(self) -> None:
         """Return when the gripper command that was last sent has ended."""
         self._hand.wait()
+
+    @checks_flags
+    async def gripper_finished(self, ignore_errors: bool = False) -> None:
+        """Wait in a coroutine for the end of the gripper command that was last sent.
+
+        Where the coroutine is cancelled the hand is stopped. Raises FrankaArmException for a command that failed, where
+        errors are not ignored.
+
+        Example:
+            >>> import asyncio
+            >>> async def open_on_the_way():
+            ...     fa.goto_joints([0, -0.7, 0, -2.3, 0, 1.6, 0.8], duration=1, block=False)
+            ...     fa.open_gripper(block=False)
+            ...     await asyncio.gather(fa.finished(), fa.gripper_finished())
+            >>> asyncio.run(open_on_the_way())
+        """
+        await self._hand.finished(ignore_errors)
 
     def is_gripper_skill_done(self) -> bool:
         """Return whether the gripper command that was last sent has ended."""
@@ -590,6 +611,39 @@ class FrankaArm:
         self.wait_for_skill()
         return _guidance.demonstration_of(rows)
 
+    def imitate(
+        self, primitive: Primitive, duration: float | None = None, start: Numbers | None = None,
+        goal: Numbers | None = None, goal_orientation: Numbers | None = None, sensor_values: Any = None,
+        topic: str | None = None, loops: int = 1, skill_desc: str = "Imitation",
+    ) -> list[proto.SkillResult]:  # fmt: skip
+        """Go to where a primitive begins and do what it has learned; return how that ended, a result of each time.
+
+        The way there and the motion are looked at by the server before anything moves.
+
+        Args:
+            primitive: of frankapy.dmp.
+            start: where it begins, rad (7,), or m (3,) of the end-effector frame in the base; None: where it was
+                learned, or where the arm is if the primitive does not say.
+            duration, goal, goal_orientation, sensor_values, topic: as of the primitive's `part`.
+            loops: how often, each time from its start; 0: it is only looked at.
+            skill_desc: goes into states and logs.
+
+        Raises FrankaArmArgumentError, with what is in the way and where, for a motion that the arm cannot make,
+        FrankaArmException where the robot reports an error.
+
+        Example:
+            >>> import numpy as np
+            >>> from frankapy import dmp
+            >>> from frankapy.demonstration import Demonstration
+            >>> turned = fa.get_joints() + np.outer(np.linspace(0, 1, 100), [0, 0, 0, 0, 0, 0, 0.3])
+            >>> primitive = dmp.fit(Demonstration(np.linspace(0, 2, 100), turned).smooth(0.2))
+            >>> fa.imitate(primitive, loops=2, duration=3)
+        """
+        changed = dict(
+            duration=duration, goal=goal, goal_orientation=goal_orientation, sensor_values=sensor_values, topic=topic
+        )  # fmt: skip
+        return imitation.imitate(self, primitive, start, changed, loops, skill_desc)
+
     @checks_flags
     def execute_joint_velocities(
         self, joint_velocities: Numbers, joint_accelerations: Numbers, duration: float = 5, dynamic: bool = False,
@@ -623,7 +677,7 @@ class FrankaArm:
         buffer_time: float = _BUFFER_TIME, force_thresholds: Numbers | None = None, torque_thresholds: Numbers | None = None,
         cartesian_impedances: Numbers | None = None, joint_impedances: Numbers | None = None,
         block: bool = True, ignore_errors: bool = True, ignore_virtual_walls: bool = False,
-        skill_desc: str = "ExecuteCartesianVelocities",
+        skill_desc: str = "ExecutecartesianVelocities",
     ) -> None:  # fmt: skip
         """Move the end effector with a constant velocity, as `execute_joint_velocities` turns the joints.
 

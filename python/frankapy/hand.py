@@ -97,6 +97,22 @@ class Hand:
         if call is not None:
             self._finish(call, ignore_errors=True)
 
+    async def finished(self, ignore_errors: bool) -> None:
+        """Wait in a coroutine for the end of the command that was last sent; the hand is stopped where that is cancelled."""
+        import asyncio  # which takes its time
+
+        if (call := self._last) is None:
+            return
+        try:
+            while call.last(timeout=0) is None:
+                await asyncio.sleep(_TICK)
+        except asyncio.CancelledError:
+            self._server.send(proto.Request(gripper=STOP))
+            raise
+        except FrankaArmException:
+            pass  # found again below
+        await asyncio.to_thread(self._finish, call, ignore_errors)
+
     def is_done(self) -> bool:
         """Return whether the command that was last sent has ended; raises as `wait` does, once."""
         call = self._last

@@ -6,20 +6,27 @@ import signal
 import threading
 import weakref
 from types import FrameType
+from typing import Protocol
 
-from frankapy.connection import Connection
 
-_connections: weakref.WeakSet[Connection] = weakref.WeakSet()
+class Stoppable(Protocol):
+    """What is stopped: a connection with its arm and hand."""
+
+    def stop_commands(self) -> None:
+        """Stop what is under way, from within a signal handler; wait for nothing."""
+
+
+_stoppable: weakref.WeakSet[Stoppable] = weakref.WeakSet()
 _count = 0
 
 
-def stop_on_interrupt(connection: Connection) -> None:
-    """Let Ctrl-C and SIGHUP stop what is under way over a connection.
+def stop_on_interrupt(stoppable: Stoppable) -> None:
+    """Let Ctrl-C and SIGHUP stop what is under way.
 
     Only where they would end the program: handlers of the script's own stay, and so does what `nohup` has set. Threads cannot
     set any.
     """
-    _connections.add(connection)
+    _stoppable.add(stoppable)
     if threading.current_thread() is not threading.main_thread():
         return
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
@@ -36,8 +43,8 @@ def count() -> int:
 def _stop_all() -> None:
     global _count
     _count += 1
-    for connection in list(_connections):
-        connection.stop_commands()
+    for each in list(_stoppable):
+        each.stop_commands()
 
 
 def _interrupted(signum: int, frame: FrameType | None) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from frankapy.rigid_transform import RigidTransform
+from frankapy.validation import vector
 
 
 def min_jerk_weight(t: Any, T: float) -> Any:
@@ -40,10 +41,7 @@ def convert_array_to_rigid_transform(
     tf_array: Any, from_frame: str = "franka_tool", to_frame: str = "world"
 ) -> RigidTransform:
     """Return the pose whose matrix has these 16 numbers, row by row."""
-    tf_array = np.asarray(tf_array, dtype=float)
-    if tf_array.shape != (16,):
-        raise ValueError(f"tf_array has the shape {tf_array.shape}: expected (16,)")
-    matrix = tf_array.reshape(4, 4)
+    matrix = vector("tf_array", tf_array, 16).reshape(4, 4)
     return RigidTransform(matrix[:3, :3], matrix[:3, 3], from_frame, to_frame)
 
 
@@ -51,5 +49,5 @@ def franka_pose_to_rigid_transform(
     franka_pose: Any, from_frame: str = "franka_tool_base", to_frame: str = "world"
 ) -> RigidTransform:
     """Return the pose of 16 numbers column by column, as the robot writes it."""
-    matrix = np.asarray(franka_pose, dtype=float).reshape(4, 4).T
+    matrix = vector("franka_pose", franka_pose, 16).reshape(4, 4).T
     return RigidTransform(matrix[:3, :3], matrix[:3, 3], from_frame, to_frame)

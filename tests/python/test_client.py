@@ -26,6 +26,7 @@ from frankapy import (
     channel,
     cli,
     connection,
+    dmp,
     proto,
 )
 from frankapy.sim import free_address
@@ -549,11 +550,15 @@ GOOD |= {"tool_delta_pose": RigidTransform(from_frame="franka_tool", to_frame="f
 DMP = {"tau": 1, "alpha": 60, "beta": 15, "num_basis": 1, "num_sensors": 1, "mu": [1], "h": [1]}
 GOOD |= {f"{kind}_dmp_info": DMP | {"weights": [0] * n} for kind, n in [("joint", 7), ("pose", 6), ("position", 3), ("quat", 3)]}
 GOOD |= {"trajectory": proto.StayJoint(), "condition": bool}
+GOOD |= {"primitive": dmp.Primitive("joint", 1, HOME, np.ones(2), np.ones(2), np.zeros((7, 1, 2)))}
 TAKES_ANYTHING = {"log_info", "get_speed", "publish_sensor_data", "publish_sensor_values"}  # or hands it on
 METHODS = [
     name
     for name, method in inspect.getmembers(FrankaArm, inspect.isfunction)
-    if not name.startswith("_") and name not in TAKES_ANYTHING | {"finished"} and len(inspect.signature(method).parameters) > 1
+    if not name.startswith("_")
+    and name not in TAKES_ANYTHING
+    and not inspect.iscoroutinefunction(inspect.unwrap(method))
+    and len(inspect.signature(method).parameters) > 1
 ]
 
 

@@ -1,6 +1,7 @@
 """What scripts published for frankapy rely on: names, numbers, helpers, and rospy's stand-in."""
 
 import ast
+import importlib.util
 import inspect
 import os
 import pickle
@@ -15,7 +16,15 @@ import pytest
 from conftest import HOME
 
 import frankapy
-from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmStateClient, RigidTransform, SensorDataMessageType, proto
+from frankapy import (
+    FrankaArm,
+    FrankaArmArgumentError,
+    FrankaArmException,
+    FrankaArmStateClient,
+    RigidTransform,
+    SensorDataMessageType,
+    proto,
+)
 from frankapy import FrankaConstants as FC
 from frankapy.cli import COMPAT
 from frankapy.collision_boxes import as_box, meet
@@ -23,6 +32,7 @@ from frankapy.proto_utils import make_sensor_group_msg, messages_of, sensor_prot
 from frankapy.ros_messages import RobotState, SensorData, SensorDataGroup
 from frankapy.ros_utils import BoxesPublisher
 from frankapy.sim import SimulatedArm, Simulation
+from frankapy.utils import convert_array_to_rigid_transform
 
 METHODS = """
     apply_effector_forces_along_axis apply_effector_forces_torques apply_joint_torques check_box_collision close_gripper
@@ -45,9 +55,12 @@ SIGNATURES = f"""
     goto_pose tool_pose duration=3 use_impedance=True dynamic=False {T} {I} {B} {W} skill_desc='GoToPose'
     goto_pose_delta delta_tool_pose duration=3 use_impedance=True {T} {I} {B} {W} skill_desc='GoToPoseDelta'
     goto_joints joints duration=5 use_impedance=False dynamic=False {T} {I} {G} {B} {W} skill_desc='GoToJoints'
-    execute_cartesian_velocities cartesian_velocities cartesian_accelerations duration=5 dynamic=False {T} {I} {B} {W} skill_desc
-    execute_joint_velocities joint_velocities joint_accelerations duration=5 dynamic=False {T} {I} {B} {W} skill_desc
-    execute_joint_torques joint_torques selection remove_gravity duration=5 dynamic=False {T} {G} {B} {W} skill_desc
+    execute_cartesian_velocities cartesian_velocities cartesian_accelerations duration=5 dynamic=False {T} {I} {B} {W}
+        skill_desc='ExecutecartesianVelocities'
+    execute_joint_velocities joint_velocities joint_accelerations duration=5 dynamic=False {T} {I} {B} {W}
+        skill_desc='ExecuteJointVelocities'
+    execute_joint_torques joint_torques selection remove_gravity duration=5 dynamic=False {T} {G} {B} {W}
+        skill_desc='ExecuteJointTorques'
     execute_joint_dmp joint_dmp_info duration initial_sensor_values=None use_impedance=False {T} {I} {G} {B} skill_desc='JointDmp'
     execute_pose_dmp pose_dmp_info duration use_goal_formulation=False initial_sensor_values=None orientation_only=False
         position_only=False ee_frame=False use_impedance=True {T} {I} {B} skill_desc='PoseDmp'
@@ -190,6 +203,24 @@ def test_a_skill_is_described_as_it_was_sent():
     ):
         with pytest.raises(FrankaArmArgumentError, match=text):
             call()
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda fa: fa.goto_joints(HOME, duration=-1),
+        lambda fa: fa.goto_pose(FC.HOME_POSE, force_thresholds=[10] * 5),
+        lambda fa: fa.goto_joints(HOME, torque_thresholds=[10] * 6),
+        lambda fa: fa.goto_joints(HOME, force_thresholds=10),
+        lambda fa: fa.goto_joints(HOME, use_impedance=True, k_gains=[1] * 6, d_gains=[1] * 7),
+        lambda fa: fa.goto_pose(FC.HOME_POSE, cartesian_impedances=[600] * 3),
+        lambda fa: convert_array_to_rigid_transform(np.zeros(15)),
+    ],
+)
+def test_what_was_asserted_may_be_caught_as_that(call):
+    for kind in (AssertionError, ValueError, FrankaArmException):
+        with pytest.raises(kind):
+            call(FrankaArm(offline=True))
 
 
 def test_what_is_imported_from_where():
@@ -355,6 +386,35 @@ def test_a_rate_is_kept_and_a_timer_calls():
     """)
 
 
+def test_what_runs_beside_the_main_thread_sees_ctrl_c():
+    out = run_script("""
+        import os, signal, threading, time
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # which programs in the background are started without
+        import rospy
+        rospy.init_node("test")
+        rospy.on_shutdown(lambda: print("hook", flush=True))
+
+        def work():
+            while not rospy.is_shutdown():
+                time.sleep(0.01)
+            try:
+                rospy.sleep(100)
+            except rospy.ROSInterruptException:
+                print("worker ended", flush=True)
+
+        worker = threading.Thread(target=work)  # the program waits for its end
+        worker.start()
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(100)
+        except KeyboardInterrupt:
+            worker.join()
+            rospy.spin()
+            print("saved", flush=True)
+    """)
+    assert out.split("\n") == ["worker ended", "saved", "hook", ""]
+
+
 def test_log_lines_and_topics_of_ones_own():
     out = run_script("""
         import rospy
@@ -370,6 +430,19 @@ def test_log_lines_and_topics_of_ones_own():
         while not got:
             rospy.sleep(0.01)
         assert got == [(["a"], 5)]
+
+        latching = rospy.Publisher("/kept", JointState, queue_size=1, latch=True)
+        for name in ("first", "last"):
+            latching.publish(name=[name])
+        rospy.Publisher("/lost", JointState, queue_size=1).publish(name=["nobody listens"])
+        assert rospy.wait_for_message("/kept", JointState, timeout=60).name == ["last"]
+        latching.unregister()
+        for topic in ("/kept", "/lost"):
+            try:
+                rospy.wait_for_message(topic, JointState, timeout=0.05)
+            except rospy.ROSException:
+                got.append(topic)
+        assert got[1:] == ["/kept", "/lost"]
         p = RigidTransform(translation=[0, 0, 1], from_frame="camera") * Point([1, 2, 3], "camera")
         assert list(p.data) == [1, 2, 4] and p.frame == "world"
     """)
@@ -392,6 +465,155 @@ def test_poses_that_a_lab_has_pickled_are_read_without_autolab_core(tmp_path, mo
         assert type(pose) is RigidTransform
         assert list(pose.translation) == [0.4, 0, 0.3] and (pose.from_frame, pose.to_frame) == ("franka_tool", "world")
     """)
+
+
+# A class that is not frankapy's, with as much of autolab_core's interface as frankapy may use, and as strict.
+AUTOLAB_CORE = """
+    import numpy as np
+
+    class RigidTransform:
+        def __init__(self, rotation=np.eye(3), translation=np.zeros(3), from_frame="unassigned", to_frame="world"):
+            assert isinstance(from_frame, str) and isinstance(to_frame, str)
+            self._from_frame, self._to_frame = from_frame, to_frame
+            self.rotation, self.translation = rotation, translation
+
+        from_frame = property(lambda self: self._from_frame)
+        to_frame = property(lambda self: self._to_frame)
+        rotation = property(lambda self: self._rotation)
+        translation = property(lambda self: self._translation)
+
+        @rotation.setter
+        def rotation(self, rotation):
+            if np.size(rotation) == 4:
+                rotation = self.rotation_from_quaternion(rotation)
+            self._rotation = np.array(rotation, dtype=float)
+            if self._rotation.shape != (3, 3) or abs(np.linalg.det(self._rotation) - 1) > 1e-3:
+                raise ValueError("Illegal rotation")
+
+        @translation.setter
+        def translation(self, translation):
+            self._translation = np.array(translation, dtype=float).reshape(3)
+
+        @property
+        def matrix(self):
+            return np.vstack([np.column_stack([self._rotation, self._translation]), [0, 0, 0, 1]])
+
+        @property
+        def quaternion(self):  # an eigenvector of this symmetric matrix, of which eigh reads one half
+            r = self._rotation
+            matrix = np.diag(np.r_[2 * np.diag(r) - np.trace(r), np.trace(r)])
+            matrix[[1, 2, 2], [0, 0, 1]] = r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] + r[1, 2]
+            matrix[3, :3] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+            x, y, z, w = np.linalg.eigh(matrix)[1][:, -1]
+            return np.array([w, x, y, z]) * (1 if w >= 0 else -1)
+
+        @staticmethod
+        def rotation_from_quaternion(q_wxyz):
+            w, *v = np.array(q_wxyz) / np.linalg.norm(q_wxyz)
+            cross = np.cross(np.eye(3), v)
+            return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+        @staticmethod
+        def x_axis_rotation(theta):
+            return RigidTransform.rotation_from_quaternion([np.cos(theta / 2), np.sin(theta / 2), 0, 0])
+
+        @staticmethod
+        def y_axis_rotation(theta):
+            return RigidTransform.rotation_from_quaternion([np.cos(theta / 2), 0, np.sin(theta / 2), 0])
+
+        @staticmethod
+        def z_axis_rotation(theta):
+            return RigidTransform.rotation_from_quaternion([np.cos(theta / 2), 0, 0, np.sin(theta / 2)])
+
+        def inverse(self):
+            back = self._rotation.T
+            return RigidTransform(back, -back @ self._translation, self._to_frame, self._from_frame)
+
+        def copy(self):
+            return RigidTransform(self._rotation, self._translation, self._from_frame, self._to_frame)
+
+        def __mul__(self, other):
+            if not isinstance(other, RigidTransform):
+                raise ValueError("Can only compose with other RigidTransform classes")
+            if other._to_frame != self._from_frame:
+                raise ValueError("Frames do not meet")
+            matrix = self.matrix @ other.matrix
+            return RigidTransform(matrix[:3, :3], matrix[:3, 3], other._from_frame, self._to_frame)
+"""
+
+
+@pytest.mark.parametrize("where", ["installed", "standing in"])
+def test_poses_are_autolab_cores_in_and_out(where, fa, ideal_arm, tmp_path, monkeypatch):
+    if where == "installed":
+        if importlib.util.find_spec("autolab_core") is None:
+            pytest.skip("autolab_core is not installed")
+    else:
+        (tmp_path / "autolab_core").mkdir()
+        (tmp_path / "autolab_core" / "__init__.py").write_text("from .rigid_transformations import RigidTransform\n")
+        (tmp_path / "autolab_core" / "rigid_transformations.py").write_text(textwrap.dedent(AUTOLAB_CORE))
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    fa.close()
+    program = f"""
+        import pickle
+        import numpy as np
+        from autolab_core import RigidTransform
+        from frankapy import FrankaArm, FrankaArmStateClient, dmp
+        from frankapy import FrankaConstants as FC
+        from frankapy import RigidTransform as ours
+        from frankapy.demonstration import Demonstration
+        from frankapy.utils import convert_array_to_rigid_transform, convert_rigid_transform_to_array
+
+        assert ours is RigidTransform and RigidTransform.__module__.startswith("autolab_core"), RigidTransform
+        fa = FrankaArm()
+        start = fa.get_pose()
+        state = fa.get_robot_state()
+        given = [
+            start, fa.get_pose(include_tool_offset=False), fa.get_tool_base_pose(), *fa.get_finger_poses(),
+            state["pose"], state["pose_desired"], FC.HOME_POSE, FC.READY_POSE,
+            *fa.get_links_transforms(FC.HOME_JOINTS, use_rigid_transforms=True),
+            *fa.get_collision_boxes_poses(use_rigid_transforms=True), FrankaArmStateClient().get_pose(),
+            convert_array_to_rigid_transform(convert_rigid_transform_to_array(start)),
+        ]
+        assert all(type(pose) is RigidTransform for pose in given), given
+        assert np.allclose(given[-1].matrix, start.matrix)
+        assert pickle.loads(pickle.dumps(start)).from_frame == "franka_tool"
+
+        goal = fa.get_pose()
+        goal.translation[2] -= 0.1
+        turn = RigidTransform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], from_frame="franka_tool", to_frame="franka_tool")
+        goal = goal * turn
+        fa.goto_pose(goal, duration=2, use_impedance=False)
+        now = fa.get_pose()
+        assert np.allclose(now.matrix, goal.matrix, atol=0.01)
+        tool, base = "franka_tool", "franka_tool_base"
+        fa.goto_pose_delta(RigidTransform(translation=[0, 0, -0.05], from_frame=tool, to_frame=tool), 1)
+        fa.set_tool_delta_pose(RigidTransform(translation=[0, 0, 0.05], from_frame=tool, to_frame=base))
+        assert np.allclose(fa.get_pose().translation, now.translation, atol=0.004)
+        fa.goto_pose_by_joints(now)
+        assert np.allclose(fa.get_pose().translation, now.translation, atol=0.002)
+        try:
+            fa.goto_pose(RigidTransform(from_frame="camera", to_frame="world"))
+        except ValueError as error:
+            assert "camera to world" in str(error)
+        else:
+            raise AssertionError("a pose of a camera was taken")
+
+        fa.goto_joints(FC.HOME_JOINTS, 1)
+        way = [start.copy() for _ in range(100)]
+        for i, pose in enumerate(way):
+            pose.translation[1] += 0.001 * i
+        with open({str(tmp_path / "way.pkl")!r}, "wb") as file:
+            pickle.dump(way, file)
+        shown = Demonstration.load({str(tmp_path / "way.pkl")!r})
+        fa.set_tool_delta_pose(RigidTransform(from_frame="franka_tool", to_frame="franka_tool_base"))
+        fa.imitate(dmp.fit(shown, "pose"), duration=3)
+        assert abs(fa.get_pose().translation[1] - way[-1].translation[1]) < 0.01
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        env=os.environ | {"FRANKA_INTERFACE_SERVER": ideal_arm.server}, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
 
 
 STREAM = """

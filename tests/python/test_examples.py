@@ -9,6 +9,8 @@ import subprocess
 import sys
 import threading
 
+import matplotlib.image
+import numpy as np
 import pytest
 from conftest import REPOSITORY
 
@@ -62,6 +64,7 @@ def led(simulation):
 
 PLATE = REPOSITORY / "sim" / "scenes" / "plate.xml"
 SCENE = REPOSITORY / "sim" / "scenes" / "table_with_block.xml"
+PICTURES = {"recording.py": ["recording.png"], "imitation.py": ["imitation.png"]}
 
 
 @pytest.mark.parametrize(
@@ -78,17 +81,21 @@ SCENE = REPOSITORY / "sim" / "scenes" / "table_with_block.xml"
         ("guidance_and_replay.py", [SimulatedArm(lockstep=True)]),
     ],
 )
-def test_an_example_runs(script, arms):
+def test_an_example_runs(script, arms, tmp_path):
     with Simulation(*arms) as simulation, contextlib.ExitStack() as helpers:
         if script in ("imitation.py", "guidance_and_replay.py"):
             helpers.enter_context(led(simulation))
         environment = os.environ | {"FRANKA_INTERFACE_SERVER": simulation.server}
         done = subprocess.run(
             [sys.executable, REPOSITORY / "examples" / script],
-            env=environment, capture_output=True, text=True, timeout=300, check=False,
+            env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         assert not done.stderr
+        pictures = list(tmp_path.iterdir())
+        assert [picture.name for picture in pictures] == PICTURES.get(script, [])
+        for picture in pictures:
+            assert np.ptp(matplotlib.image.imread(picture)) == 1  # from white to black
 
 
 @pytest.mark.nightly
@@ -107,5 +114,5 @@ def test_the_example_of_ones_own_controller_runs():
 
 @pytest.mark.parametrize("script", ["streaming.py", "policy.py", "moveit.py"])
 @pytest.mark.wall
-def test_an_example_in_real_time_runs(script):
-    test_an_example_runs(script, [SimulatedArm()])
+def test_an_example_in_real_time_runs(script, tmp_path):
+    test_an_example_runs(script, [SimulatedArm()], tmp_path)

@@ -2,6 +2,9 @@
 
 import contextlib
 import pickle
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -95,6 +98,9 @@ def test_smoothing_takes_the_tremor_and_leaves_the_motion():
         (lambda: dmp.fit(bow(), "joint").orientations(), "it has no orientation"),
         (lambda: dmp.fit(turn(np.radians(200)), "pose"), "turns by 200 degrees from its goal: expected at most 180"),
         (lambda: dmp.fit(bow()).part(goal=HOME, sensor_values=[0]), "a goal cannot be reached with them"),
+        (lambda: dmp.fit([bow(), bow()], sensor_values=[1, 1]), r"has the shape \(2,\): expected \(2, sensors\)"),
+        (lambda: dmp.fit([bow(), bow()], sensor_values=[[1, 2], [2, 4]]), "tell 1 of 2 sensors apart"),
+        (lambda: dmp.fit(bow(), sensor_values=[[1, 0]]), "tell 1 of 2 sensors apart"),
         (lambda: dmp.Primitive("joint", 1, HOME, np.ones(3), np.ones(2), np.ones((7, 1, 3))), r"h has the shape \(2,\): expected \(3,\)"),
     ],
 )
@@ -126,6 +132,8 @@ def test_files_are_read_back_and_pickles_run_nothing(tmp_path, capsys):
         ("evil.pkl", pickle.dumps([Evil()]), "print, which is not made from files"),
         ("broken.pkl", pickle.dumps(poses)[:-20], "cannot be read as a pickle"),
         ("other.pkl", pickle.dumps({"a": 1}), "holds a dictionary with a: expected a list of poses, or"),
+        ("primitive.pkl", pickle.dumps(old_dictionary(3)), "the dictionary of a movement primitive, which dmp.load_script"),
+        ("lacks.pkl", pickle.dumps({0: {"skill_state_dict": {"q": [1]}}}), "has no 'O_T_EE' in its skill_state_dict"),
         ("text.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": "far"}}}), "text.pkl holds no motion of an arm: could not"),
         ("short.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": np.zeros((3, 15))}}}), "short.pkl holds no motion"),
         ("zeros.pkl", pickle.dumps({0: {"skill_state_dict": states | {"O_T_EE": np.zeros((3, 16))}}}), "this is no rotation matrix"),
@@ -215,14 +223,103 @@ def test_primitives_are_written_and_read_and_old_scripts_find_their_dictionaries
     for part in ("position", "quaternion"):
         info = dmp.load_script(tmp_path / f"p-{part}.pkl")
         assert info["num_basis"] == 25 and np.size(info["weights"]) == 75
-    (tmp_path / "other.pkl").write_bytes(pickle.dumps({"a": 1, "b": 2}))
-    with pytest.raises(FrankaArmArgumentError, match="holds a dictionary with a, b: expected a dictionary with tau"):
-        dmp.load_script(tmp_path / "other.pkl")
-    with pytest.raises(FrankaArmArgumentError, match="is a pickle: dmp.load_script reads"):
-        dmp.Primitive.load(tmp_path / "p-position.pkl")
+    poses = [RigidTransform(from_frame="franka_tool")] * 3
+    for held, text in (
+        ({"a": 1, "b": 2}, "a dictionary with a, b: expected a dictionary with tau"),
+        (poses, "a list of poses, which Demonstration.load reads: expected a dictionary with tau"),
+        ({0: {"skill_state_dict": {"q": [1]}}}, "what record_trajectory.py writes, which Demonstration.load reads"),
+        ([], "an empty list: expected"),
+    ):
+        (tmp_path / "other.pkl").write_bytes(pickle.dumps(held))
+        for read in (dmp.load_script, dmp.Primitive.load):
+            with pytest.raises(FrankaArmArgumentError, match=f"holds {text}"):
+                read(tmp_path / "other.pkl")
+    from_script = dmp.Primitive.load(tmp_path / "p-position.pkl")
+    np.testing.assert_allclose(from_script.rollout(start=primitive.start)[1], primitive.rollout()[1], atol=1e-12)
     with pytest.raises(FrankaArmArgumentError, match="is no 'frankapy primitive 1'"):
         turn(1.0).save(tmp_path / "d.npz")
         dmp.Primitive.load(tmp_path / "d.npz")
+
+
+def old_dictionary(dimensions, sensors=2, basis=5, tau=0.25, alpha=20.0):
+    """A dictionary as a lab's pickles have it, soft and with several sensors."""
+    weights = np.random.default_rng(1).uniform(-0.05, 0.05, (dimensions, sensors, basis))
+    weights[:, :, 0] = 0.02
+    return dict(
+        tau=tau, alpha=alpha, beta=alpha / 5, num_basis=basis, num_sensors=sensors,
+        mu=[1.0, 0.9, 0.8, 0.7, 0.6], h=[60.0] * 5, weights=weights.ravel().tolist(),
+    )  # fmt: skip
+
+
+def way_of(info, values, duration, steps=20_000):
+    """Integrate the law of a dictionary in small steps; where it is at the end, (dimensions,)."""
+    weights = np.reshape(info["weights"], (-1, info["num_sensors"], info["num_basis"]))
+    y, v, dt = np.zeros(len(weights)), np.zeros(len(weights)), duration / steps
+    tau, alpha, beta = info["tau"], info["alpha"], info["beta"]
+    for k in range(steps):
+        t = k * dt
+        x, u = np.exp(-tau * t), min(2 * tau * t, 1)
+        psi = np.exp(-np.array(info["h"][1:]) * (x - np.array(info["mu"][1:])) ** 2)
+        f = np.einsum("dsk,s,k->d", weights, values, np.r_[u**3 * (10 - 15 * u + 6 * u * u), psi / psi.sum() * x])
+        v = v + dt * tau**2 * (alpha * (beta * -y - v / tau) + alpha * beta * f)
+        y = y + dt * v
+    return y
+
+
+@pytest.mark.parametrize(("dimensions", "kind"), [(7, "joint"), (3, "position")])
+def test_dictionaries_of_old_scripts_are_primitives_too(tmp_path, dimensions, kind):
+    info = old_dictionary(dimensions)
+    (tmp_path / "old.pkl").write_bytes(pickle.dumps(info, protocol=2))
+    primitive = dmp.Primitive.load(tmp_path / "old.pkl")
+    assert (primitive.kind, primitive.duration, primitive.start) == (kind, 2.0, None)
+    start = np.full(dimensions, 0.1)
+    for values in ([1, 1], [0.3, -1]):
+        y = primitive.rollout(start=start, sensor_values=values)[1]
+        np.testing.assert_allclose(y[-1] - start, way_of(info, values, 2), atol=1e-5)
+    np.testing.assert_allclose(primitive.rollout(start=start, goal=start + 0.2)[1][-1], start + 0.2)
+    assert list(primitive.part().weights) == pytest.approx(info["weights"])
+    primitive.save(tmp_path / "new.npz")
+    again = dmp.Primitive.load(tmp_path / "new.npz")
+    np.testing.assert_array_equal(again.rollout(start=start)[1], primitive.rollout(start=start)[1])
+    for call in (lambda: primitive.goal, primitive.rollout, lambda: primitive.part(goal=start)):
+        with pytest.raises(FrankaArmArgumentError, match="start is missing"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (old_dictionary(6), "60 weights: expected 7 .* or 3 .* those of 6 are for fa.execute_pose_dmp"),
+        (dict(num_sensors=3), "num_sensors 3"),
+        (dict(num_basis=0), "num_basis 0"),
+        (dict(num_basis="many"), r"old.pkl\['num_basis'\] is 'many'"),
+        (dict(mu=[1, 2]), r"old.pkl\['mu'\] has 2 elements: expected 5"),
+        (dict(tau=0), r"old.pkl\['tau'\] is 0 1/s"),
+        (dict(weights=[[1, 2], [3]]), r"old.pkl\['weights'\] is"),
+    ],
+)
+def test_dictionaries_that_are_no_motion_are_refused(tmp_path, change, text):
+    (tmp_path / "old.pkl").write_bytes(pickle.dumps(old_dictionary(3) | change))
+    with pytest.raises(FrankaArmArgumentError, match=text):
+        dmp.Primitive.load(tmp_path / "old.pkl")
+
+
+@pytest.mark.parametrize("method", ["ridge", "local"])
+def test_what_demonstrations_differ_by_is_learned_as_sensors(tmp_path, method):
+    low, high = bow(), bow()
+    high.joints[:, 0] += 0.2 * np.sin(np.linspace(0, np.pi, 600)) ** 2
+    high = Demonstration(high.times, high.joints)
+    both = dmp.fit([low, high], "joint", method=method, sensor_values=[[1, 0], [1, 1]])
+    alone = dmp.fit(high, "joint", method=method)
+    assert both.weights.shape == (7, 2, 25)
+    np.testing.assert_allclose(both.rollout(sensor_values=[1, 1])[1], alone.rollout()[1], atol=1e-6)
+    low_way, middle, high_way = (both.rollout(sensor_values=[1, by])[1] for by in (0, 0.5, 1))
+    np.testing.assert_allclose(middle, (low_way + high_way) / 2, atol=1e-9)
+    assert both.rms < max(dmp.fit([low, high], "joint", method=method).rms / 2, 2e-4)
+    both.save(tmp_path / "both.pkl")
+    assert dmp.load_script(tmp_path / "both.pkl")["num_sensors"] == 2
+    again = dmp.Primitive.load(tmp_path / "both.pkl")
+    np.testing.assert_allclose(again.rollout(start=both.start, sensor_values=[1, 0.5])[1], middle, atol=1e-9)
 
 
 def test_what_it_generates_is_drawn_over_what_was_shown():
@@ -324,6 +421,132 @@ def test_what_the_arm_cannot_do_is_said_before(fa):
     assert "not reachable" in away.beyond(fa, goal=[1.2, 0, 0.5])[0]
 
 
+def test_it_is_done_as_often_as_asked_and_looked_at_before_anything_moves(fa, ideal_arm):
+    primitive = dmp.fit(bow(), "joint")
+    goal = primitive.start + [0, 0.1, 0, 0, 0, 0, 0.2]
+    before = ideal_arm.cycle()
+    results = fa.imitate(primitive, loops=2, duration=2, goal=goal)
+    assert [result.ending for result in results] == [proto.TERMINATED] * 2
+    away = np.abs(ideal_arm.truth(since=before)["q"] - goal).max(axis=1) < 0.005
+    assert np.count_nonzero(np.diff(away.astype(int)) == 1) == 2 and away[-1]
+
+    ideal_arm.end_motion(fa)
+    resting = fa.get_joints()
+    tool = dmp.fit(turn(0.3), "pose")
+    for wrong, changed, text in (
+        (primitive, dict(goal=HOME + [0, 0, 0, 3, 0, 0, 0]), "joint 4|JointDmp"),
+        (primitive, dict(start=HOME + [0, 3, 0, 0, 0, 0, 0]), "joint 2|q\\[1\\]"),
+        (tool, dict(start=[1.5, 0, 0.5]), "not reachable"),
+        (tool, dict(goal=[0.3, 0, 1.6]), "QuaternionPoseDmp|reach"),
+        (primitive, dict(sensor_values=[1, 2]), "sensor_values has the shape"),
+        (primitive, dict(loops=-1), "loops is -1"),
+    ):
+        with pytest.raises(FrankaArmArgumentError, match=text):
+            fa.imitate(wrong, **changed)
+    assert fa.imitate(tool, loops=0) == []
+    np.testing.assert_allclose(fa.get_joints(), resting, atol=1e-5)
+
+
+def test_a_lab_s_dictionary_does_on_the_arm_what_its_law_says(fa, ideal_arm, tmp_path):
+    info = old_dictionary(3)
+    (tmp_path / "old.pkl").write_bytes(pickle.dumps(info))
+    start = fa.get_pose(include_tool_offset=False).translation
+    expected = start + way_of(info, [1, 1], 2)
+    fa.execute_pose_dmp(dmp.load_script(tmp_path / "old.pkl"), 2, position_only=True, use_impedance=False)
+    by_method = ideal_arm.truth()["O_T_TCP"][-1].reshape(4, 4)[3, :3]
+    fa.goto_joints(HOME, 1)
+    fa.imitate(dmp.Primitive.load(tmp_path / "old.pkl"))
+    by_primitive = ideal_arm.truth()["O_T_TCP"][-1].reshape(4, 4)[3, :3]
+    np.testing.assert_allclose(by_primitive, by_method, atol=0.002)
+    assert np.linalg.norm(by_primitive - expected) < 0.01  # it comes to rest beyond its end
+    assert np.linalg.norm(expected - start) > 0.04
+    with pytest.raises(FrankaArmArgumentError, match="3 with position_only or orientation_only"):
+        fa.execute_pose_dmp(info, 2)
+    fa.goto_joints(HOME, 1)
+    fa.close()
+    goal = start + [0, 0.05, 0.05]
+    asked = ["--goal", *map(str, goal), "--plot", str(tmp_path / "next.png"), "--server", ideal_arm.server]
+    assert cli.main(["imitate", str(tmp_path / "old.pkl"), *asked]) == 0 and (tmp_path / "next.png").exists()
+    end = ideal_arm.truth()["O_T_TCP"][-1].reshape(4, 4)[3, :3]
+    np.testing.assert_allclose(end, goal, atol=0.01)  # it comes to rest beyond its end
+
+
+@pytest.mark.parametrize(("kind", "method"), [("joint", "local"), ("position", "ridge"), ("pose", "local")])
+def test_what_the_command_line_is_asked_for_is_done(ideal_arm, tmp_path, kind, method):
+    arm, learned = ["--server", ideal_arm.server], tmp_path / "learned.npz"
+    with ideal_arm.client() as fa:
+        fa.goto_joints(HOME, 1)
+        here = fa.get_pose(include_tool_offset=False)
+    if kind == "joint":
+        shown = bow()
+        other = Demonstration(shown.times, HOME + 1.5 * (shown.joints - HOME))
+    else:
+        shown, other = turn(0.5), turn(0.5)
+        shown.positions += here.translation - shown.positions[0]
+        other.positions += here.translation - other.positions[0] + np.outer(np.linspace(0, 1, len(shown)), [0, 0, 0.05])
+    files = [tmp_path / "one.npz", tmp_path / "other.npz"]
+    for file, demonstration in zip(files, (shown, other), strict=True):
+        demonstration.save(file)
+    asked = ["--kind", kind, "--method", method, "--basis", "30", "--smooth", "0", "--sensors", "1", "0", "0", "1"]
+    asked += ["--plot", str(tmp_path / "learned.png")]
+    assert cli.main(["learn", *map(str, files), "-o", str(learned), *asked]) == 0
+    primitive = dmp.Primitive.load(learned)
+    moved = [Demonstration.load(file).trimmed() for file in files]
+    expected = dmp.fit(moved, kind, 30, method, sensor_values=np.eye(2))
+    np.testing.assert_array_equal(primitive.weights, expected.weights)
+    assert primitive.kind == kind and primitive.weights.shape[1:] == (2, 30)
+    assert (tmp_path / "learned.png").stat().st_size > 10_000
+    goal = primitive.rollout(sensor_values=[0.25, 0.75])[1][-1]
+    before = ideal_arm.cycle()
+    asked = ["--loops", "2", "--sensors", "0.25", "0.75", "--duration", "2"]
+    assert cli.main(["imitate", str(learned), *asked, *arm]) == 0
+    rows = ideal_arm.truth(since=before)
+    place = rows["q"] if kind == "joint" else rows["O_T_TCP"].reshape(-1, 4, 4)[:, 3, :3]
+    away = np.linalg.norm(place - goal, axis=1) < 0.01
+    assert np.count_nonzero(np.diff(away.astype(int)) == 1) == 2 and away[-1]
+
+
+def test_values_of_sensors_are_as_many_for_each_file(tmp_path, capsys):
+    bow().save(tmp_path / "one.npz")
+    files = [str(tmp_path / "one.npz")] * 2
+    assert cli.main(["learn", *files, "-o", str(tmp_path / "learned.npz"), "--sensors", "1", "0", "1"]) == 1
+    assert "--sensors has 3 values: expected as many for each of 2 files" in capsys.readouterr().err
+
+
+def test_an_arm_that_yields_along_axes_of_its_tool(ideal_arm, tmp_path):
+    shown = tmp_path / "shown.npz"
+    with ideal_arm.client() as fa:
+        # The tool's x is between those of the base.
+        fa.goto_joints(HOME + [0, 0, 0, 0, 0, 0, np.pi / 4], 1, ignore_virtual_walls=True)
+        axes = fa.get_pose(include_tool_offset=False).rotation
+        assert abs(axes[0, 0]) < 0.9
+        with hand_with_the_motion(ideal_arm, fa, [[0, 0, 0], 0.08 * axes[:, 0] + 0.08 * axes[:, 1]], [1.5, 3.5]):
+            fa.close()
+            asked = ["--seconds", "5", "--yield", "x", "--frame", "tool", "--server", ideal_arm.server]
+            assert cli.main(["demonstrate", str(shown), *asked]) == 0
+    along = (Demonstration.load(shown).positions - Demonstration.load(shown).positions[0]) @ axes
+    assert np.ptp(along[:, 0]) > 0.06 and np.ptp(along[:, 0]) > 1.3 * np.ptp(along[:, 1])
+
+
+def test_ctrl_c_ends_a_demonstration_and_keeps_it(ideal_arm, tmp_path):
+    shown = tmp_path / "shown.npz"
+    # Ctrl-C is ignored where the tests run in the background.
+    program = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from frankapy import cli
+sys.exit(cli.main())
+"""
+    command = [sys.executable, "-c", program, "demonstrate", str(shown), "--server", ideal_arm.server]
+    with ideal_arm.client() as reader, subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as lead:
+        reader.wait_for(lambda state: state.skill_description == "Demonstration" and state.skill_time > 1, 300)
+        lead.send_signal(signal.SIGINT)
+        errors = lead.communicate(timeout=300)[1]
+        assert lead.returncode == 0 and "Traceback" not in errors, errors
+        reader.wait_for(lambda state: state.skill_id == 0, 60)
+    assert 0.9 < Demonstration.load(shown).duration < 600
+
+
 def test_from_the_command_line(default_arm, tmp_path, capsys, caplog):
     shown, part, learned, picture = (tmp_path / name for name in ("shown.npz", "part-1.npz", "learned.npz", "learned.png"))
     arm = ["--server", default_arm.server]
@@ -343,8 +566,9 @@ def test_from_the_command_line(default_arm, tmp_path, capsys, caplog):
     primitive = dmp.Primitive.load(learned)
     with FrankaArm(server=default_arm.server) as again:
         again.goto_joints(HOME, 2)
-    asked = ["--duration", "0.1", "--plot", str(tmp_path / "next.png"), "--over", str(part), "--check"]
-    assert cli.main(["imitate", str(learned), *asked, *arm]) == 0
+    asked = ["--plot", str(tmp_path / "next.png"), "--over", str(part), "--check"]
+    too_fast = ["--duration", "0.3", "--goal", *map(str, primitive.goal + [0, 0, 0, 0, 0, 0, 1])]
+    assert cli.main(["imitate", str(learned), *too_fast, *asked, *arm]) == 0
     assert (tmp_path / "next.png").stat().st_size > 10_000 and "rad/s: its limit is" in capsys.readouterr().err
     with FrankaArm(server=default_arm.server) as again:
         np.testing.assert_allclose(again.get_joints(), HOME, atol=0.005)  # it was only asked

@@ -231,6 +231,43 @@ def test_a_coroutine_that_is_cancelled_stops_the_arm(fa):
     assert fa.last_skill_result.ending == proto.STOPPED
 
 
+def test_a_coroutine_waits_for_the_hand_while_the_arm_moves(fa):
+    async def both():
+        fa.goto_joints(HOME + [0.1, 0, 0, 0, 0, 0, 0], 1000, block=False, ignore_virtual_walls=True)
+        for width in (0.02, 0.06):
+            fa.goto_gripper(width, block=False)
+            await fa.gripper_finished()
+            assert fa.get_gripper_width() == pytest.approx(width, abs=0.002)
+        await fa.gripper_finished()  # nothing is left to wait for
+        assert not fa.is_skill_done()
+        fa.goto_gripper(0.04, grasp=True, epsilon_inner=0.001, epsilon_outer=0.001, block=False)
+        with pytest.raises(FrankaArmException, match="The gripper did not succeed"):
+            await fa.gripper_finished()
+
+    asyncio.run(both())
+    fa.stop_skill()
+
+
+def test_a_coroutine_that_is_cancelled_stops_the_hand(fa):
+    fa.goto_gripper(0.08)
+
+    async def main():
+        fa.goto_gripper(0.0, speed=0.001, block=False)
+        while fa.get_gripper_width() > 0.078:
+            await asyncio.sleep(0)
+        waiting = asyncio.ensure_future(fa.gripper_finished())
+        await asyncio.sleep(0)
+        waiting.cancel()
+        await waiting
+
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(main())
+    fa.wait_for_gripper()
+    assert fa.get_gripper_width() > 0.01
+    fa.open_gripper()
+    assert fa.get_gripper_width() == pytest.approx(0.08, abs=0.002)
+
+
 def test_an_arm_says_which_it_is(fa):
     assert re.fullmatch(r"FrankaArm\(\w+: FR3 at 127[.\d]+, protocol version \d+\)", repr(fa))
     assert repr(FrankaArm(offline=True)) == "FrankaArm(offline)"

@@ -9,7 +9,7 @@ import pytest
 from conftest import REPOSITORY
 
 TUTORIAL = REPOSITORY / "docs" / "tutorial.md"
-# Where the tutorial's pictures are to be written anew: TUTORIAL_PICTURES=docs/tutorial.
+# Where the tutorial's pictures are to be written anew: `make pictures`.
 PICTURES = os.environ.get("TUTORIAL_PICTURES")
 
 

@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from frankapy.interrupts import stop_on_interrupt
+
 from .rostime import Duration, Time
 
 DEBUG, INFO, WARN, ERROR, FATAL = 1, 2, 4, 8, 16
@@ -32,8 +34,17 @@ class _Node:
     level = INFO
     initialized = False
     ended = threading.Event()
+    interrupted = False  # by Ctrl-C: hooks are for the end of the program, not for a signal handler
     hooks: list[Callable[[], None]] = []
     once: set[tuple[Any, ...]] = set()
+
+    @classmethod
+    def stop_commands(cls) -> None:
+        """Let what runs beside the main thread see that the node is to end, which that sees by KeyboardInterrupt."""
+        cls.interrupted = True
+
+
+stop_on_interrupt(_Node)
 
 
 def init_node(name: str, argv: Any = None, anonymous: bool = False, log_level: int | None = None, **_: Any) -> None:
@@ -57,7 +68,7 @@ def get_caller_id() -> str:
 
 def is_shutdown() -> bool:
     """Return whether the node is to end."""
-    return _Node.ended.is_set()
+    return _Node.interrupted or _Node.ended.is_set()
 
 
 def on_shutdown(hook: Callable[[], None]) -> None:
@@ -82,9 +93,9 @@ def signal_shutdown(reason: str = "") -> None:
 def sleep(duration: float | Duration) -> None:
     """Sleep for s, or a Duration. Raises ROSInterruptException when the node ends."""
     seconds = duration.to_sec() if isinstance(duration, Duration) else float(duration)
+    if is_shutdown():
+        raise ROSInterruptException("the node has ended")
     try:
-        if _Node.ended.is_set():
-            raise ROSInterruptException("the node has ended")
         time.sleep(max(0.0, seconds))
     except KeyboardInterrupt as interrupt:
         signal_shutdown("Ctrl-C")
@@ -94,8 +105,8 @@ def sleep(duration: float | Duration) -> None:
 def spin() -> None:
     """Wait until the node ends."""
     try:
-        while not _Node.ended.wait(0.1):
-            pass
+        while not is_shutdown():
+            _Node.ended.wait(0.1)
     except KeyboardInterrupt:
         signal_shutdown("Ctrl-C")
 

@@ -26,6 +26,7 @@ _JOINT_STATES = re.compile(r"/franka_gripper_(\d+)/joint_states")
 _RATE = 100  # Hz, of states
 
 _subscribers: dict[str, list[Subscriber]] = collections.defaultdict(list)
+_latched: dict[str, tuple[Publisher, Any]] = {}  # the last message of those who let it wait for who subscribes later
 
 
 def _full(name: str) -> str:
@@ -36,9 +37,12 @@ class Publisher:
     """Sends messages over a topic."""
 
     def __init__(self, name: str, data_class: type, queue_size: int | None = None, latch: bool = False, **_: Any) -> None:
-        """Begin; a sensor topic looks for its arm. Raises ROSException when there is none."""
+        """Begin; a sensor topic looks for its arm. Raises ROSException when there is none.
+
+        With `latch` the last message is given to subscribers of this program that come later; an arm has what was sent.
+        """
         self.name, self.resolved_name, self.data_class = name, _full(name), data_class
-        self._lock = threading.Lock()
+        self._lock, self._latch = threading.Lock(), latch
         self._arm: SensorPublisher | None = None
         if (match := _SENSOR.fullmatch(self.resolved_name)) is not None:
             try:
@@ -54,6 +58,8 @@ class Publisher:
             with self._lock:
                 for sensor_message in messages_of(message):
                     self._arm.publish(sensor_message)
+        if self._latch:
+            _latched[self.resolved_name] = self, message
         for subscriber in list(_subscribers[self.resolved_name]):
             subscriber.take(message)
 
@@ -62,7 +68,9 @@ class Publisher:
         return (self._arm is not None) + len(_subscribers[self.resolved_name])
 
     def unregister(self) -> None:
-        """Send what is left, and end."""
+        """Send what is left, and end; what waits for later subscribers goes."""
+        if _latched.get(self.resolved_name, (None,))[0] is self:
+            del _latched[self.resolved_name]
         if self._arm is not None:
             self._arm.close()
 
@@ -84,6 +92,8 @@ class Subscriber:
         states = _states_of(self.resolved_name)
         if states is None:
             _subscribers[self.resolved_name].append(self)
+            if self.resolved_name in _latched:
+                self.take(_latched[self.resolved_name][1])
             if not name.startswith(("/franka", "franka")):
                 logwarn("%s: there is no ROS here, so that only this program's own messages arrive", self.resolved_name)
         self._thread = threading.Thread(target=self._call if states is None else self._listen, args=(states,), daemon=True)
