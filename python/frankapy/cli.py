@@ -21,7 +21,7 @@ from frankapy.client_key import KEY_VARIABLE, usual_file
 from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE, Connection
 from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
-from frankapy.recording import Recording
+from frankapy.recording import Recording, not_written
 from frankapy.terminal import colored, print_rows
 
 COMPAT = Path(__file__).resolve().parent / "compat"  # the folder that stands in for ROS
@@ -191,7 +191,10 @@ def _plot(options: argparse.Namespace) -> int:
     if options.save:
         if options.save.suffix not in (".png", ".pdf", ".svg"):
             raise FrankaArmException(f"--save {options.save}: expected a name that ends in .png, .pdf or .svg")
-        figure.savefig(options.save, dpi=110)
+        try:
+            figure.savefig(options.save, dpi=110)
+        except OSError as error:
+            raise not_written(options.save, error) from None
         print(options.save)
         return 0
     import matplotlib.pyplot as plt

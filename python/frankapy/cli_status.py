@@ -28,6 +28,7 @@ _TOPIC_COUNTS = {  # by the fields of Topics.Topic
     "stale": "stale",
     "refused": "refused",
     "overrun": "too many for the loop",
+    "silences": "times silent",
 }
 _PHASES = {
     proto.CONNECTING: "connecting",

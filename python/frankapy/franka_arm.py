@@ -951,8 +951,9 @@ class FrankaArm:
         """Return what came over each topic since the arm's process began.
 
         Of each: how many were `received`, `lost`, `out_of_order`, `late` (by 20 ms to 0.5 s), `stale` (by more, or by more
-        than the timeout of the part that listens, and then dropped), `refused` and `why_refused`, `overrun`; `age` (s) of the
-        newest, `period` (s) between the newest, and the `skills` that listen.
+        than the timeout of the part that listens, and then dropped), `refused` and `why_refused`, `overrun`; how often nothing
+        came for that timeout (`silences`); `age` (s) of the newest, `period` (s) between the newest, and the `skills` that
+        listen.
         """
         return {topic.topic: topic for topic in self._server.ask(proto.Request(list_topics=proto.ListTopics())).topics.topics}
 

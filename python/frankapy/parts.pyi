@@ -289,8 +289,9 @@ def StreamJoint(
         topic: must be given.
         delay: s, 0 to 1, may be left out. Targets are passed so long after they were sent, on a spline. 0: each is gone to
             at once, as fast as the limits allow. Not given: twice the time between them, as observed.
-        timeout: s, 0 to 3600, default 0.5. Without another target for so long the arm brakes on its way to one that it goes
-            to at once; 0: it goes on to the last.
+        timeout: s, 0 to 3600, may be left out. Without another target for so long the arm brakes where it is, whatever
+            targets are left; 0: it goes on to the last. Not given: 0.5 s where each is gone to at once, else 0. A target
+            that is older than this (not given: 0.5 s) when it comes, or when the skill begins, moves nothing.
         speed: of the limits, 0.01 to 1, default 0.5.
     """
 
@@ -305,7 +306,7 @@ def StreamPose(
     Args:
         topic: must be given.
         delay: s, 0 to 1, may be left out.
-        timeout: s, 0 to 3600, default 0.5.
+        timeout: s, 0 to 3600, may be left out.
         speed: of the limits, 0.01 to 1, default 0.3.
     """
 
@@ -316,12 +317,12 @@ def StreamForcePosition(
     speed: float | None = None,
 ) -> proto.StreamForcePosition:
     """As StreamPose, with the wrench that EE is to exert (ForcePositionSensorMessage): it goes to what was sent last in 0.05
-    s, and stays.
+    s, and stays until nothing has come for the timeout (not given: 0.5 s; 0: for good); then it goes to zero likewise.
 
     Args:
         topic: must be given.
         delay: s, 0 to 1, may be left out.
-        timeout: s, 0 to 3600, default 0.5.
+        timeout: s, 0 to 3600, may be left out.
         speed: of the limits, 0.01 to 1, default 0.3.
     """
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,11 @@ _DRIFT = 1e-3  # of a robot's clock against the server's; one that differs by mo
 _LONG = 10.0  # s in which a clock's drift shows
 
 States = dict[str, np.ndarray]
+
+
+def not_written(path: Path, error: OSError) -> FrankaArmArgumentError:
+    """Return what to raise where a file cannot be written."""
+    return FrankaArmArgumentError(f"{path} cannot be written: {os.strerror(error.errno) if error.errno else error}")
 
 
 @dataclasses.dataclass
@@ -52,7 +58,7 @@ class Noted:
 
 
 class Recording:
-    """A recording, read when it is made; one that was cut off is read as far as it goes.
+    """A recording, read when it is made; one that was cut off is read as far as it goes, and without what is damaged (`damaged`).
 
     Times are seconds since its first message; `start` is when that was, in seconds since 1970 by the server's clock. Of what
     was sent to the server they are the sender's, less what its clock was ahead (`clocks`).
@@ -68,6 +74,7 @@ class Recording:
         self.path = file.path
         self.about = file.about
         self.complete = file.complete
+        self.damaged = file.damaged
         first = min([*file.times[:1], *(entry[0] for entry in file.noted)], default=0)
         self.start = first * 1e-9
         self._raw = file.states
@@ -202,7 +209,7 @@ class Recording:
     def export(self, path: str | Path) -> Path:
         """Write the states to a file that other programs read, .csv or .parquet by its name; vectors become columns q_0, q_1, ...
 
-        Raises FrankaArmArgumentError for another name.
+        Raises FrankaArmArgumentError for another name, or where nothing can be written.
         """
         path = Path(path)
         if path.suffix not in (".csv", ".parquet"):
@@ -225,17 +232,20 @@ class Recording:
                 table |= {f"{name}_{i}": np.ascontiguousarray(values[:, i]) for i in range(values.shape[1])}
         batch = pyarrow.table(table)
         rows = 100_000
-        with progress(len(self), f"writing {path.name}", unit="states") as bar:
-            writer: Any = (
-                pyarrow.csv.CSVWriter(path, batch.schema)
-                if path.suffix == ".csv"
-                else pyarrow.parquet.ParquetWriter(path, batch.schema, compression="zstd")
-            )
-            with writer:
-                for first in range(0, max(len(self), 1), rows):
-                    part = batch.slice(first, rows)
-                    writer.write_table(part)
-                    bar.update(part.num_rows)
+        try:
+            with progress(len(self), f"writing {path.name}", unit="states") as bar:
+                writer: Any = (
+                    pyarrow.csv.CSVWriter(path, batch.schema)
+                    if path.suffix == ".csv"
+                    else pyarrow.parquet.ParquetWriter(path, batch.schema, compression="zstd")
+                )
+                with writer:
+                    for first in range(0, max(len(self), 1), rows):
+                        part = batch.slice(first, rows)
+                        writer.write_table(part)
+                        bar.update(part.num_rows)
+        except OSError as error:
+            raise not_written(path, error) from None
         return path
 
     # --- for people ---
@@ -243,12 +253,13 @@ class Recording:
     def summary(self) -> list[tuple[str, str]]:
         """What is in it, line by line: a name and a text."""
         duration = float(self._times[-1]) if len(self) else 0.0
-        rows = [
-            ("arm", self.about.get("arm", "not named")),
-            ("because of", self.about.get("why", "not said")),
-            ("begins", f"{np.datetime64(int(self.start * 1e3), 'ms')} UTC"),
-            ("takes", f"{duration:.3f} s, {len(self)} states" + ("" if self.complete else "; it was cut off")),
-        ]
+        rows = [("arm", self.about.get("arm", "not named")), ("because of", self.about.get("why", "not said"))]
+        if len(self) or self.noted:
+            rows.append(("begins", f"{np.datetime64(int(self.start * 1e3), 'ms')} UTC"))
+        cut_off = "" if self.complete or self.damaged else "; it was cut off"
+        rows.append(("takes", f"{duration:.3f} s, {len(self)} states{cut_off}"))
+        if self.damaged:
+            rows.append(("damaged", f"{self.damaged} parts of the file cannot be read: what happened then is missing"))
         lost = int(self.about.get("lost", "0"))
         if lost:
             rows.append(("lost", f"{lost} states: the disk was too slow"))

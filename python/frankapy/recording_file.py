@@ -11,7 +11,7 @@ from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.progress import progress
 
 if TYPE_CHECKING:
-    from mcap.records import Chunk
+    from mcap.records import Channel, Chunk, Schema
 
 _STATES = "/states"
 _MAGIC = b"\x89MCAP0\r\n"
@@ -20,7 +20,7 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, when it was logged and s
 
 
 class RecordingFile:
-    """What is in a file, read when it is made; one that was cut off is read as far as it goes."""
+    """What is in a file, read when it is made; one that was cut off is read as far as it goes, without what is damaged."""
 
     def __init__(self, path: str | Path) -> None:
         """Read it; raises FrankaArmArgumentError where it cannot be read, or is no MCAP file."""
@@ -35,6 +35,7 @@ class RecordingFile:
         self.path = Path(path)
         self.about: dict[str, str] = {}
         self.complete = False
+        self.damaged = 0  # chunks that cannot be read
         self.states: list[bytes] = []  # ArmState
         self.times: list[int] = []  # of the states, ns since 1970
         self.noted: list[tuple[int, int, str, str, int, bytes]] = []  # when logged and sent, topic, kind, sequence, message
@@ -50,20 +51,58 @@ class RecordingFile:
             if stream.read(len(_MAGIC)) != _MAGIC:
                 raise FrankaArmArgumentError(f"{path} is no recording: it does not begin as an MCAP file does")
             stream.seek(0)
+            whole = True
             try:
                 for record in StreamReader(stream, emit_chunks=True, record_size_limit=None).records:
                     if isinstance(record, Chunk):
-                        self._take(record)
+                        is_whole = self._took(record)
+                        if not is_whole and stream.tell() < size:  # else it is where the file was cut off
+                            self.damaged += 1
+                            self._learn_channels()
                         bar.update(stream.tell() - bar.n)
                     elif isinstance(record, Metadata):
                         self.about |= record.metadata
                         self.complete |= record.name == "end"
-            except (McapError, struct.error, EOFError, ValueError, OSError, KeyError):
-                self.complete = False
-            except Exception as error:  # of zstandard, where the last chunk is cut
-                if type(error).__name__ != "ZstdError":
-                    raise
-                self.complete = False
+            except (McapError, struct.error, EOFError, ValueError, OSError):
+                whole = False
+        self.complete &= whole and not self.damaged
+
+    def _took(self, chunk: Chunk) -> bool:
+        """Take what it has; return whether it is whole."""
+        from mcap.exceptions import McapError
+
+        try:
+            self._take(chunk)
+        except (McapError, struct.error, EOFError, ValueError, KeyError):
+            return False
+        except Exception as error:  # of zstandard, which may not be there
+            if type(error).__name__ != "ZstdError":
+                raise
+            return False
+        return True
+
+    def _learn_channels(self) -> None:
+        """Read at the end of the file what kinds of messages there are, as the chunk that says so may be damaged."""
+        from mcap.exceptions import McapError
+        from mcap.reader import make_reader
+
+        try:
+            with self.path.open("rb") as stream:
+                summary = make_reader(stream).get_summary()
+        except (McapError, struct.error, EOFError, ValueError, OSError):  # it was cut off as well
+            return
+        for schema in summary.schemas.values() if summary else ():
+            self._know_schema(schema)
+        for channel in summary.channels.values() if summary else ():
+            self._know_channel(channel)
+
+    def _know_schema(self, schema: Schema) -> None:
+        self._schemas[schema.id] = schema.name.rsplit(".", 1)[-1]
+
+    def _know_channel(self, channel: Channel) -> None:
+        self._channels[channel.id] = channel.topic, self._schemas.get(channel.schema_id, "")
+        if channel.topic == _STATES:
+            self._of_states.add(channel.id)
 
     def _take(self, chunk: Chunk) -> None:
         """Add what a chunk has: thousands of messages, found without an object for each."""
@@ -90,10 +129,6 @@ class RecordingFile:
                 else:
                     self.noted.append((logged, sent, *self._channels[number], sequence, message))
             elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(ReadDataStream(io.BytesIO(data[begin:at])))
-                self._schemas[schema.id] = schema.name.rsplit(".", 1)[-1]
+                self._know_schema(Schema.read(ReadDataStream(io.BytesIO(data[begin:at]))))
             elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(ReadDataStream(io.BytesIO(data[begin:at])))
-                self._channels[channel.id] = channel.topic, self._schemas.get(channel.schema_id, "")
-                if channel.topic == _STATES:
-                    self._of_states.add(channel.id)
+                self._know_channel(Channel.read(ReadDataStream(io.BytesIO(data[begin:at]))))

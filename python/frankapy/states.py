@@ -78,8 +78,10 @@ class StateStream:
         every = round(_RATE / rate) if 0 < rate <= _RATE else 0
         if every == 0 or abs(_RATE / every - rate) > 1e-3 * rate:
             raise FrankaArmArgumentError(f"rate is {rate:g} Hz: expected {_RATE}, or that divided by a whole number")
-        mask = FieldMask(paths=fields)
-        for field in fields:
+        if isinstance(fields, str):
+            raise FrankaArmArgumentError(f"fields is {fields!r}: expected a list of them, such as ['robot.q', 'phase']")
+        mask = FieldMask(paths=[str(field) for field in fields])
+        for field in mask.paths:
             if not FieldMask(paths=[field]).IsValidForDescriptor(proto.ArmState.DESCRIPTOR):  # type: ignore[arg-type]
                 raise FrankaArmArgumentError(f"fields has {field!r}: expected fields of ArmState, such as 'robot.q' or 'phase'")
         topic = str(every) + (f" {','.join(mask.paths)}" if fields else "")
@@ -103,6 +105,8 @@ class StateStream:
             return proto.ArmState.FromString(self._socket.recv()[len(self._topic) :])
         except zmq.Again:
             return None
+        except zmq.ZMQError as error:
+            raise FrankaArmCommException(f"No state: {error}. Were these states closed?") from None
 
     def close(self) -> None:
         """End the subscription."""
@@ -177,6 +181,8 @@ def wait_for(
 
     Raises FrankaArmCommException when none does within `timeout` (s; None: any time), or when no states come.
     """
+    if not callable(condition):
+        raise FrankaArmArgumentError(f"condition is {condition!r}: expected a function of a state that returns True or False")
     deadline = math.inf if timeout is None else time.monotonic() + timeout
     with StateStream(endpoint, key=key) as states:
         for state in states:

@@ -74,6 +74,7 @@ struct Door {
   std::atomic<bool> recover{false};  // ask the robot for automatic error recovery; answered in `recoveries`
   std::atomic<bool> quit{false};     // brake, finish, return
 
+  std::atomic<std::uint64_t> robot_time{0};  // message_id of the newest state, ms
   // One for each skill that went through `next`, as soon as it has ended.
   bridge::Queue<SkillResult> results{64};
   // The skills themselves, to be destroyed by the receiver: later than their results, since the controller of

@@ -7,7 +7,7 @@ namespace realtime {
 // What kept a reference or a torque from being what was asked for: any of these.
 enum class HeldBy : std::uint8_t {
   kNothing = 0,
-  kMotionLimits = 1,  // of the reference: position, velocity, acceleration, jerk, nearness to a singularity
+  kMotionLimits = 1,  // of the reference: position, velocity, acceleration, jerk, nearness to a singularity; a stream's speed
   kTorqueLimits = 2,  // torque or its rate
   kJointLimits = 4,   // measured joints near the end of their range, or at their greatest speed
   kWall = 8,

@@ -115,6 +115,7 @@ bool Loop::receive() noexcept {
     lose_connection();
     return false;
   }
+  door_.robot_time.store(state_.message_id, std::memory_order_relaxed);
   ticks_ = cycles_ == 0 ? 1 : state_.message_id - last;
   lost_states_ += ticks_ - 1;
   skill_lost_states_ += ticks_ - 1;
@@ -325,6 +326,7 @@ void Loop::generate_reference() noexcept {
   const Vector7 q_d = vector(state_.q_d);
   gate_.prefer(phase_ == Phase::kRunning ? skill_->controller->posture() : std::nullopt);
   gate_.observe(reference_, model_.gravity(base_gravity(state_)), robot_->makes_joints() ? &q_d : nullptr);
+  if (phase_ == Phase::kRunning && first_command_ns_ == 0) begin_to_listen();
   if (phase_ == Phase::kRunning && !waits_for_start()) {
     skill_time_ += cycle_.dt;
     cycle_.time = skill_time_;
@@ -347,6 +349,7 @@ void Loop::generate_reference() noexcept {
       held_back_ = held != HeldBy::kNothing;
       held_by_ |= held;
     }
+    held_by_ |= when(skill_->trajectory->limited(), HeldBy::kMotionLimits);
     trajectory_over_ &= !rejoin_.active() && (!held_back_ || gate_.stuck());  // not before the reference is there as well
     reference_.wrench = wanted_.wrench;
     reference_.torque = wanted_.torque;
@@ -634,11 +637,17 @@ void Loop::start_skill() noexcept {
   after_contact_ = AfterContact::kNoContact;
   cycle_.time = 0;
   watch_.reset();
+  begin_to_listen();
   place_joints();
   start_controller(!robot_->has_reference());
   gate_.reset(reference_);
   start_trajectory(speed_before);
   start_terminations();
+}
+
+// What its parts take in is not older than their timeouts now.
+void Loop::begin_to_listen() noexcept {
+  for (const auto& input : skill_->inputs) input->begin(state_.message_id);
 }
 
 // Those that the reference means.
@@ -675,6 +684,8 @@ void Loop::change_parts() noexcept {
   Change* change = std::exchange(change_, nullptr);
   if (phase_ == Phase::kRunning && skill_->id == change->skill_id && !faulty_) {
     change->done = true;
+    std::swap(skill_->inputs, change->inputs);
+    begin_to_listen();
     watch_.reset();
     const bool was_led = change->controller && go_on_from_arm();
     const TrajectoryGenerator& trajectory = change->trajectory ? *change->trajectory : *skill_->trajectory;

@@ -72,6 +72,7 @@ class Loop {
   void start_skill() noexcept;
   void start_trajectory(double speed_before) noexcept;
   void start_terminations() noexcept;
+  void begin_to_listen() noexcept;
   void place_joints() noexcept;
   void start_controller(bool move_reference) noexcept;
   void step_controller(Vector7& tau) noexcept;

@@ -22,6 +22,8 @@ struct SensorSample {
   std::int64_t sent_ns = 0;    // by the publisher's clock; 0: not said, or of no use: an arm in lockstep
   double lead = 0;             // s after it was sent at which it is meant; of chunks
   bool replaces = false;       // what was sent before and is meant for later
+  std::uint64_t came = 0;      // ms of the robot's clock
+  double waited = 0;           // s that it came before the skill began
   std::array<double, kMost> values{};
 };
 
@@ -34,7 +36,8 @@ class SensorInput {
   using Tells = bool (*)(const SensorSample&);
 
   // `messages`: the names of the kinds that it takes, of wire/proto/sensors.proto. `timeout`: s after which the part does without
-  // a message; what took longer than that on its way, beside the quickest of its publisher, does not get here. 0: any time.
+  // a message; what took longer than that on its way, beside the quickest of its publisher, does not get here, and what came longer
+  // than that before the skill began is not taken. 0: any time.
   SensorInput(std::string topic, std::vector<std::string> messages, double timeout = 0, Check check = nullptr,
               Tells tells = nullptr)
       : topic_(std::move(topic)), messages_(std::move(messages)), timeout_(timeout), check_(std::move(check)), tells_(tells) {}
@@ -51,12 +54,28 @@ class SensorInput {
     ring_.push(sample);
     return has_room;
   }
+  // The loop's: its skill begins, or is still waited for, at this ms of the robot's clock.
+  void begin(std::uint64_t now) noexcept { begun_.store(now, std::memory_order_relaxed); }
+  // When that was; 0: it has not.
+  std::uint64_t begun() const noexcept { return begun_.load(std::memory_order_relaxed); }
   // The oldest that is still there and was not taken yet, into `sample`; false when there is none.
   bool take(SensorSample& sample) noexcept {
-    const bool any = reader_.next(sample);
+    bool any = false, replaces = false;
+    const std::uint64_t begun = this->begun();
+    for (SensorSample next; !any && reader_.next(next);) {
+      next.waited = begun > next.came ? 1e-3 * static_cast<double>(begun - next.came) : 0;
+      any = timeout_ <= 0 || next.waited - next.lead <= timeout_;
+      if (!any && (next.lead <= 0 || next.replaces)) outdated_.fetch_add(1, std::memory_order_relaxed);
+      replaces |= next.replaces;
+      if (!any) continue;
+      sample = next;
+      sample.replaces = replaces;
+    }
     taken_.store(reader_.position(), std::memory_order_release);
     return any;
   }
+  // Messages of which that left something out.
+  std::uint64_t outdated() const noexcept { return outdated_.load(std::memory_order_relaxed); }
   // The newest that was not taken yet, likewise; the others are given up.
   bool newest(SensorSample& sample) noexcept {
     bool any = false;
@@ -74,6 +93,8 @@ class SensorInput {
   bridge::Ring<SensorSample> ring_{kRoom + 1};
   bridge::RingReader<SensorSample> reader_{ring_};
   std::atomic<std::uint64_t> taken_{0};  // of the ring, from its first
+  std::atomic<std::uint64_t> outdated_{0};
+  std::atomic<std::uint64_t> begun_{0};  // ms of the robot's clock
 };
 
 }  // namespace realtime

@@ -27,6 +27,7 @@ struct Skill {
   std::unique_ptr<Controller> controller;
   std::vector<std::unique_ptr<Termination>> terminations;  // any of them ends the skill; none: the
                                                            // trajectory's end does
+  std::vector<std::shared_ptr<SensorInput>> inputs;  // of the parts that it has had last
   KindNumbers numbers;
   robot::Mode mode;          // of the controller for this trajectory
   robot::Settings settings;  // of the controller
@@ -51,6 +52,7 @@ struct Change {
   std::unique_ptr<Controller> controller;           // torque goes on where it is; null: no change
   std::vector<std::unique_ptr<Termination>> terminations;
   bool changes_terminations = false;
+  std::vector<std::shared_ptr<SensorInput>> inputs;  // of the parts that are given
   KindNumbers numbers;  // of the parts that are given
   bool done = false;  // by the loop; else the skill had ended
 };

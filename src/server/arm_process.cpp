@@ -77,7 +77,7 @@ class ArmProcess {
         gripper_(config.gripper ? std::make_unique<Gripper>(config.address) : nullptr),
         publisher_(context_, {options.listen, keys_.get()}, options.state_port, door_, gripper_.get()),
         recorder_(box, recordings, config.name, gripper_.get()),
-        sensors_(context_, {options.listen, keys_.get()}, options.sensor_port, box.journal, config.lockstep),
+        sensors_(context_, {options.listen, keys_.get()}, options.sensor_port, box.journal, door_.robot_time, config.lockstep),
         transport_(context_, {options.listen, keys_.get()}, options.port, door_, publisher_, sensors_, recorder_, gripper_.get(),
                    WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1,
                              fmt::format("{}/franka-interface/walls/{}@{}", data_folder(), config.name, config.address)),

@@ -137,16 +137,10 @@ void Recorder::run() {
                      Clock::now() - started_ > std::chrono::duration<double>(60 * config_.file_minutes))) {
       change_file();
     }
+    if (running_) tell(*running_);
     {
       const std::lock_guard lock(mutex_);
       status_.set_open(running_ != nullptr);
-      if (running_) {
-        status_.set_file(running_->path());
-        status_.set_bytes(running_->size());
-        status_.set_states(running_->states());
-        status_.set_lost(running_->lost());
-        status_.set_time(running_->time());
-      }
     }
     std::this_thread::sleep_for(kWritePeriod);
   }
@@ -154,6 +148,15 @@ void Recorder::run() {
   look_after_black_box();
   close(running_);
   close(kept_);
+}
+
+void Recorder::tell(const Recording& recording) {
+  const std::lock_guard lock(mutex_);
+  status_.set_file(recording.path());
+  status_.set_bytes(recording.size());
+  status_.set_states(recording.states());
+  status_.set_lost(recording.lost());
+  status_.set_time(recording.time());
 }
 
 void Recorder::write(std::unique_ptr<Recording>& recording) {
@@ -276,6 +279,7 @@ void Recorder::end(std::unique_ptr<Recording>& recording) {
   if (!recording) return;
   try {
     recording->close();
+    if (&recording == &running_) tell(*recording);  // all that there came to be in it
     if (recording->lost() > 0) spdlog::warn("{}: {} states were lost, as the disk is too slow", recording->path().string(), recording->lost());
   } catch (const std::system_error& error) {
     give_up(recording, error.what());

@@ -65,6 +65,7 @@ class Recorder {
   bool skill_wanted() const;
   void start(const Recording::Options& options);
   void look_after_black_box();
+  void tell(const Recording& recording);
   void write(std::unique_ptr<Recording>& recording);
   void look_after_disk();
   void note_gripper();

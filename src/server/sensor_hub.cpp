@@ -32,8 +32,10 @@ constexpr std::int64_t kLate = 20'000'000, kStale = 500'000'000;  // ns: Topics.
 
 }  // namespace
 
-SensorHub::SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal, bool lockstep)
-    : journal_(journal), lockstep_(lockstep), keys_(listen.keys), socket_(context, zmq::socket_type::pull) {
+SensorHub::SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal,
+                     const std::atomic<std::uint64_t>& robot_time, bool lockstep)
+    : journal_(journal), robot_time_(robot_time), lockstep_(lockstep), keys_(listen.keys),
+      socket_(context, zmq::socket_type::pull) {
   socket_.set(zmq::sockopt::linger, 0);
   socket_.set(zmq::sockopt::rcvhwm, kReceiveQueue);
   socket_.set(zmq::sockopt::maxmsgsize, kMaxSensorMessage);
@@ -88,13 +90,19 @@ void SensorHub::bind(std::uint64_t skill, Inputs inputs, bool queued, const std:
 
 void SensorHub::release(std::uint64_t skill) {
   const std::lock_guard lock(mutex_);
-  std::erase_if(listeners_, [skill](const Listener& listener) { return listener.skill == skill; });
+  std::erase_if(listeners_, [&](const Listener& listener) {
+    if (listener.skill != skill) return false;
+    count_outdated(listener);
+    return true;
+  });
 }
 
 void SensorHub::release(std::uint64_t skill, const Inputs& inputs) {
   const std::lock_guard lock(mutex_);
   std::erase_if(listeners_, [&](const Listener& listener) {
-    return listener.skill == skill && std::find(inputs.begin(), inputs.end(), listener.input) != inputs.end();
+    if (listener.skill != skill || std::find(inputs.begin(), inputs.end(), listener.input) == inputs.end()) return false;
+    count_outdated(listener);
+    return true;
   });
 }
 
@@ -107,7 +115,9 @@ void SensorHub::describe(proto::Topics& out) const {
     told.set_topic(name);
     told.set_age(1e-9 * static_cast<double>(now_ns() - topic.arrived_ns));
     for (const Listener& listener : listeners_) {
-      if (listener.input->topic() == name) told.add_skills(listener.skill);
+      if (listener.input->topic() != name) continue;
+      told.add_skills(listener.skill);
+      told.set_stale(told.stale() + listener.input->outdated());
     }
   }
 }
@@ -117,6 +127,7 @@ void SensorHub::run() {
     zmq::pollitem_t item{socket_.handle(), 0, ZMQ_POLLIN, 0};
     zmq::poll(&item, 1, kWait);
     connections_->look();
+    look_for_silence();
     zmq::message_t frame;
     while (!quit_ && socket_.recv(frame, zmq::recv_flags::dontwait)) {
       if (frame.more()) {
@@ -196,6 +207,23 @@ void SensorHub::forget_quietest_topic() {
   }));
 }
 
+// Of topics over which something came.
+void SensorHub::look_for_silence() {
+  const std::uint64_t now = robot_time_.load(std::memory_order_relaxed);
+  const std::lock_guard lock(mutex_);
+  for (const Listener& listener : listeners_) {
+    const auto found = topics_.find(listener.input->topic());
+    if (found == topics_.end() || listener.longest_ns == 0 || listener.input->begun() == 0) continue;
+    Topic& topic = found->second;
+    const std::uint64_t since = std::max(topic.covered, listener.input->begun());
+    if (topic.silent || now < since || 1'000'000 * static_cast<std::int64_t>(now - since) <= listener.longest_ns) continue;
+    topic.silent = true;
+    topic.told.set_silences(topic.told.silences() + 1);
+    spdlog::warn("{}: nothing has come for {:.3f} s, the timeout of the part of skill {} that listens", found->first,
+                 1e-9 * static_cast<double>(listener.longest_ns), listener.skill);
+  }
+}
+
 bool SensorHub::takes(const Listener& listener, const std::string& publisher) {
   return !listener.publishers || listener.publishers->contains(publisher);
 }
@@ -228,6 +256,7 @@ void SensorHub::note(const proto::SensorMessage& message, Publisher& from, std::
 void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::int64_t sent, std::int64_t longer,
                         const Keys::Client& from) {
   const std::string kind = kind_of(message.message());
+  const std::uint64_t came = robot_time_.load(std::memory_order_relaxed);
   std::vector<realtime::SensorSample> samples;
   bool heard = false, taken = false, dropped = false, behind = false;
   const auto listens = [&](const Listener& listener) { return listener.input->topic() == message.topic() && !waits(listener); };
@@ -263,6 +292,7 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
       }
       if (samples.empty()) samples = samples_of(message.message());
       for (auto& sample : samples) {
+        sample.came = came;
         sample.message = messages.empty() ? 0 : static_cast<int>(found - messages.begin());
         sample.sent_ns = lockstep_ ? 0 : message.sent_ns();
         if (const std::string why = input.check(sample); !why.empty()) throw wire::Invalid(kind + ": " + why);
@@ -275,6 +305,8 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
           continue;
         }
         sample.replaces = std::exchange(replaces, false);
+        topic.silent = false;
+        topic.covered = came + static_cast<std::uint64_t>(1e3 * sample.lead);
         if (!input.put(sample)) topic.told.set_overrun(topic.told.overrun() + 1);
       }
     }
@@ -309,6 +341,12 @@ void SensorHub::count_late(Topic& topic, const proto::SensorMessage& message, st
                  message.topic(), 1e-9 * static_cast<double>(longer));
   }
   topic.stale = dropped;
+}
+
+// What it would not take as it began.
+void SensorHub::count_outdated(const Listener& listener) {
+  const auto topic = topics_.find(listener.input->topic());
+  if (topic != topics_.end()) topic->second.told.set_stale(topic->second.told.stale() + listener.input->outdated());
 }
 
 // Until the skills before its own have ended.

@@ -28,9 +28,10 @@ namespace server {
 // and dropped; but not what ends a skill, which does so at any time.
 class SensorHub {
  public:
-  // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `lockstep`: the arm's time is not that of any
-  // clock, so that parts are not told when messages were sent.
-  SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal, bool lockstep);
+  // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `robot_time`: ms. `lockstep`: the arm's time is
+  // not that of any clock, so that parts are not told when messages were sent.
+  SensorHub(zmq::context_t& context, const Listen& listen, std::uint16_t port, Journal& journal,
+            const std::atomic<std::uint64_t>& robot_time, bool lockstep);
   ~SensorHub();
 
   const std::string& endpoint() const { return endpoint_; }
@@ -73,23 +74,28 @@ class SensorHub {
     // Of each kind and each publisher's key: when the newest was sent, by our clock.
     std::map<std::string, std::map<std::string, std::int64_t>> newest_ns;
     bool stale = false;  // the newest was
+    std::uint64_t covered = 0;  // ms of the robot's time, until which what came last says what to do
+    bool silent = false;        // for longer after that than the timeout of a part that listens
   };
 
   void run();
   void take(const zmq::message_t& frame);
   void note(const frankapy::proto::SensorMessage& message, Publisher& from, std::int64_t now);
   void forget_quietest_topic();
+  void look_for_silence();
   static bool takes(const Listener& listener, const std::string& publisher);
   static bool overtaken(const Topic& topic, const Listener& listener, const std::string& kind, std::int64_t sent,
                         std::int64_t longer);
   void deliver(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t sent, std::int64_t longer,
                const Keys::Client& from);
   void count_late(Topic& topic, const frankapy::proto::SensorMessage& message, std::int64_t longer, bool dropped);
+  void count_outdated(const Listener& listener);
   bool waits(const Listener& listener) const;
   void refuse(Topic& topic, const std::string& why);
   void count_garbage(const std::string& what);
 
   Journal& journal_;  // gets every message that can be read, also those that are then dropped
+  const std::atomic<std::uint64_t>& robot_time_;
   const bool lockstep_;
   const Keys* keys_;   // null: there are none
   zmq::socket_t socket_;

@@ -142,6 +142,7 @@ void Skills::begin(Build& build) {
   const std::uint64_t id = skill->id = build.skill_id;
   if (found.queued) skill->after = start.after();
   skill->blend = start.blend();
+  skill->inputs = listening.all();
   publisher_.describe(id, build.message);
   proto::SkillEvent event;
   event.mutable_started()->Swap(&build.message);
@@ -243,7 +244,8 @@ void Skills::begin_change(Build& build) {
     parts->terminations = std::move(skill.terminations);
     parts->changes_terminations = true;
   }
-  sensors_.bind(change.skill_id(), listening.all(), false, build.from.who.name, changing_->message.publishers());
+  parts->inputs = listening.all();
+  sensors_.bind(change.skill_id(), parts->inputs, false, build.from.who.name, changing_->message.publishers());
   door_.change.put(std::move(parts));
 }
 

@@ -191,7 +191,7 @@ class Server {
   server::BlackBox box_;
   realtime::Door door_{box_.records};
   server::Publisher publisher_{context_, "127.0.0.1", 0, door_, nullptr};
-  server::SensorHub sensors_{context_, "127.0.0.1", 0, box_.journal, true};
+  server::SensorHub sensors_{context_, "127.0.0.1", 0, box_.journal, door_.robot_time, true};
   server::Recorder recorder_{box_, {.mode = server::RecordingsConfig::Mode::kOff, .folder = "/dev/null/none"}, "arm", nullptr};
   server::Transport transport_{context_, "127.0.0.1", 0, door_, publisher_, sensors_, recorder_, nullptr, server::WallStore({}),
                                {.clock = [] { return 0ms; }}};  // leases do not end

@@ -296,6 +296,47 @@ TEST(TargetStream, ChunksAreFollowedAtTheirTimesExtendedAndReplaced) {
   EXPECT_LT((Watch{0, x, 100}.judge().most_a), 12);
 }
 
+TEST(TargetStream, WithATimeoutItBrakesWhateverTargetsAreLeftAndGoesOnWithTheNext) {
+  for (const std::optional<double> timeout : {std::optional(0.5), std::optional(0.0), std::optional<double>()}) {
+    Stream stream(std::nullopt, timeout, kRates);
+    stream.start({});
+    const auto send = [&](double t) {
+      for (int k = 1; k <= 40; ++k) stream.add(t, {wave(t + 0.05 * k), t, 0.05 * k, k == 1});
+    };
+    std::vector<Vector> x;
+    for (int i = 0; i < 3000; ++i) {
+      const double t = i * kTick;
+      if (i == 0 || i == 1200) send(t);
+      x.push_back(stream.at(t, t).x);
+    }
+    EXPECT_LT((x[490] - wave(0.49)).norm(), 5e-3);
+    const bool brakes = timeout && *timeout > 0;
+    EXPECT_EQ((x[1100] - wave(1.1)).norm() > 0.02, brakes);
+    EXPECT_EQ(x[1100] == x[1199], brakes);
+    EXPECT_LT((x[1690] - wave(1.69)).norm(), 5e-3);
+    EXPECT_EQ(x[2200] == x[2999], brakes);
+    EXPECT_LT((Watch{0, x, 100}.judge().most_a), 12);
+  }
+}
+
+TEST(TargetStream, SaysWhenTargetsAreFartherApartThanTheRatesAllow) {
+  Stream stream(0.1, 0, kRates);
+  stream.start({});
+  auto limited = [&, sent = 0](double speed) mutable {
+    int points = 0;
+    for (int i = 0; i < 1000; ++i, ++sent) {
+      const double t = sent * kTick;
+      if (sent % 50 == 0) stream.add(t, {(sent / 50 % 2 == 0 ? 1 : -1) * Vector(speed * 0.025, 0), t, 0, false});
+      stream.at(t, t);
+      points += i > 200 && stream.limited();
+    }
+    return points;
+  };
+  EXPECT_EQ(limited(1.4), 0);
+  EXPECT_EQ(limited(1.6), 799);
+  EXPECT_EQ(limited(1.0), 0);
+}
+
 TEST(TargetStream, AllocatesNothing) {
   Stream stream(std::nullopt, 0, kRates);
   testing_tools::AllocationCounter counter;
@@ -311,11 +352,13 @@ TEST(TargetStream, AllocatesNothing) {
 TEST(VelocityStream, ReachesWhatComesInsideTheRatesAndStopsAfterTheTimeout) {
   VelocityStream<2> stream(0.2, kRates);
   stream.start({});
+  EXPECT_FALSE(stream.limited());
   std::vector<Vector> x;
   for (int i = 0; i < 3000; ++i) {
     const double t = i * kTick;
     x.push_back(stream.at(t, t).x);
     if (i % 50 == 0 && t < 1) stream.add(Vector(0.3, -3));
+    ASSERT_EQ(stream.limited(), t < 1.15) << t;
   }
   const Watched seen = Watch{0, x, 100}.judge();
   EXPECT_NEAR((x[900][0] - x[899][0]) / kTick, 0.3, 1e-6);
@@ -346,6 +389,49 @@ TEST(SensorInput, OfWhatWaitsTheNewestIsKept) {
   EXPECT_TRUE(input.newest(sample));
   EXPECT_EQ(sample.values[0], 1000);
   EXPECT_FALSE(input.newest(sample));
+}
+
+TEST(SensorInput, WhatIsOlderThanTheTimeoutWhenTheSkillBeginsIsNotTaken) {
+  SensorInput input("topic", {"JointChunk"}, 0.5);
+  const auto put = [&input](std::uint64_t came, double lead, bool replaces) {
+    SensorSample sample;
+    sample.came = came;
+    sample.lead = lead;
+    sample.replaces = replaces;
+    sample.values[0] = static_cast<double>(came) + lead;
+    input.put(sample);
+  };
+  SensorSample sample;
+  put(1000, 0, false);
+  for (const double lead : {0.5, 1.0, 1.5}) put(1200, lead, lead == 0.5);  // that is of the last still
+  put(2000, 0, false);
+  input.begin(2500);
+  ASSERT_TRUE(input.take(sample));
+  EXPECT_EQ(sample.values[0], 1201);
+  EXPECT_TRUE(sample.replaces);  // as the one before would have
+  EXPECT_DOUBLE_EQ(sample.waited, 1.3);
+  ASSERT_TRUE(input.take(sample));
+  EXPECT_EQ(sample.values[0], 1201.5);
+  EXPECT_FALSE(sample.replaces);
+  ASSERT_TRUE(input.take(sample));
+  EXPECT_EQ(sample.values[0], 2000);
+  EXPECT_FALSE(input.take(sample));
+  EXPECT_EQ(input.outdated(), 2u);
+  put(2600, 0, false);
+  ASSERT_TRUE(input.take(sample));
+  EXPECT_EQ(sample.waited, 0);
+  put(2700, 0, false);
+  input.begin(9000);
+  sample.values[0] = -1;
+  EXPECT_FALSE(input.newest(sample));
+  EXPECT_EQ(sample.values[0], -1);
+  EXPECT_EQ(input.outdated(), 3u);
+
+  SensorInput any("end", {"ShouldTerminateSensorMessage"});
+  sample.came = 1;
+  any.put(sample);
+  any.begin(1'000'000);
+  EXPECT_TRUE(any.take(sample));
 }
 
 }  // namespace

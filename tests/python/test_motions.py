@@ -1,6 +1,7 @@
 """What the arm does, judged by the truth of the physics."""
 
 import time
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -238,6 +239,8 @@ def test_states_come_one_a_cycle(fa):
             running += state.phase == proto.RUNNING and state.skill_description == "GoToJoints"
     assert (np.diff(cycles) == 1).all()
     assert running >= 500
+    with pytest.raises(FrankaArmCommException, match="closed"):
+        states.receive()
 
 
 def test_states_come_at_a_lower_rate_and_in_parts_as_well(fa):
@@ -245,6 +248,20 @@ def test_states_come_at_a_lower_rate_and_in_parts_as_well(fa):
         received = [states.receive() for _ in range(5)]
     assert (np.diff([state.cycles for state in received]) == 20).all()
     assert all(len(state.robot.q) == 7 and not state.robot.tau_J and not state.HasField("phase") for state in received)
+
+
+def test_who_never_reads_costs_the_others_no_state(fa):
+    with ExitStack() as stack:
+        for _ in range(3):
+            stack.enter_context(fa.states())  # which wait for it until nobody has room for more
+        states = stack.enter_context(fa.states(rate=100, fields=["cycles"]))
+        fa.goto_joints(GOAL, 60)
+        last = fa.last_skill_result.last_state.cycles
+        cycles = [states.receive().cycles]
+        while cycles[-1] < last - 10:
+            cycles.append(states.receive().cycles)
+    assert len(cycles) > 5000
+    assert (np.diff(cycles) == 10).all()
 
 
 def test_a_condition_is_waited_for(fa):

@@ -13,6 +13,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 from conftest import HOME, server_processes
+from mcap.reader import make_reader
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, cli, proto, wire_arrays
 from frankapy.parts import JointImpedance, Never, RelativeMinJerkJoint, StreamJoint
@@ -128,6 +129,65 @@ def test_it_is_told_and_drawn(recorded, tmp_path, capsys):
     assert cli.main(["plot", str(recording.path), "--save", str(tmp_path / "page.doc")]) == 1
 
 
+SCREEN = """
+import sys
+from matplotlib._pylab_helpers import Gcf
+from matplotlib.backend_bases import FigureManagerBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+class FigureManager(FigureManagerBase):
+    @classmethod
+    def pyplot_show(cls, *, block=None):
+        for manager in Gcf.get_all_fig_managers():
+            manager.canvas.figure.savefig(sys.argv[-1] + ".shown.png", dpi=110)
+
+class FigureCanvas(FigureCanvasAgg):
+    manager_class = FigureManager
+"""
+
+
+def test_its_page_is_shown_in_a_window_where_there_is_a_screen(recorded, tmp_path):
+    _, recording = recorded
+    (tmp_path / "screen.py").write_text(SCREEN)
+    file = tmp_path / "a.mcap"
+    file.write_bytes(recording.path.read_bytes())
+
+    def plot(backend, *arguments):
+        environment = {**os.environ, "MPLBACKEND": backend, "PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, "-m", "frankapy.cli", "plot", *arguments, file]
+        return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+    shown = plot("module://screen")
+    assert shown.returncode == 0, shown.stderr
+    assert plot("agg", "--save", str(tmp_path / "saved.png")).returncode == 0
+    assert (tmp_path / "a.mcap.shown.png").read_bytes() == (tmp_path / "saved.png").read_bytes()
+    nowhere = plot("agg")
+    assert nowhere.returncode == 1 and "no screen" in nowhere.stderr
+
+
+def test_the_command_records_what_another_client_does_until_it_is_interrupted(ideal_arm, fa):
+    fa.goto_joints(HOME, 1)
+    for how in (["--seconds", "3600"], []):
+        command = [sys.executable, "-m", "frankapy.cli", "record", "--server", ideal_arm.server, *how]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            path = re.match(r"recording to (.*) on the server's computer; Ctrl-C ends it\n", process.stdout.readline())[1]
+            fa.goto_joints(AWAY, 1, skill_desc="there")
+            fa.goto_joints(HOME, 1, skill_desc="and back")
+            process.send_signal(signal.SIGINT)
+            told = process.communicate(timeout=300)[0]
+        finally:
+            process.kill()
+            process.wait()
+        assert process.returncode == 0
+        recording = Recording(path)
+        assert recording.complete and f"{path}: " in told and f" {len(recording)} states" in told
+        begun = [event.started.description for _, event in recording.skills if event.HasField("started")]
+        assert begun == ["there", "and back"]
+        assert np.abs(recording.states["q"] - AWAY).max(axis=1).min() < 0.01
+    assert cli.main(["record", "--server", ideal_arm.server, "--seconds", "0.1"]) == 0
+
+
 def test_other_programs_read_what_is_exported(recorded, tmp_path, capsys):
     _, recording = recorded
     for name in ("a.parquet", "a.csv"):
@@ -162,6 +222,7 @@ def test_a_file_that_is_cut_anywhere_is_read_as_far_as_it_goes(recorded, tmp_pat
         path.write_bytes(data[:cut])
         part = Recording(path)
         lengths.append(len(part))
+        assert part.damaged == 0
         assert np.array_equal(part.states.get("cycles", []), recording.states["cycles"][: len(part)])
     assert lengths == sorted(lengths) and lengths[-1] == len(recording)
     for garbage in (b"", b"no recording", data[:8] + bytes(1000), data[:2000] + os.urandom(2000)):
@@ -173,6 +234,40 @@ def test_a_file_that_is_cut_anywhere_is_read_as_far_as_it_goes(recorded, tmp_pat
                 Recording(path)
     with pytest.raises(FrankaArmArgumentError, match="cannot be read"):
         Recording(tmp_path / "none.mcap")
+
+
+def test_of_a_file_that_is_damaged_only_that_part_is_missing(tmp_path, capsys):
+    with Simulation(SimulatedArm(lockstep=True), record="skills", recordings=tmp_path) as simulation:
+        with FrankaArm(server=simulation.server) as fa:
+            with fa.recording() as status:
+                for goal in (AWAY, HOME) * 4:
+                    fa.goto_joints(goal, 3)
+            whole = Recording(status().file)
+    data = whole.path.read_bytes()
+    cycles = whole.states["cycles"]
+    with whole.path.open("rb") as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    for chunk in (0, len(chunks) // 2):  # the one that says what the messages are, and another
+        damaged = bytearray(data)
+        at = chunks[chunk].chunk_start_offset + 200
+        damaged[at : at + 50] = bytes(byte ^ 0x5A for byte in damaged[at : at + 50])
+        (tmp_path / "damaged.mcap").write_bytes(damaged)
+        read = Recording(tmp_path / "damaged.mcap")
+        assert read.damaged == 1 and not read.complete
+        assert 0 < len(read) < len(whole)
+        assert np.all(np.isin(read.states["cycles"], cycles))
+        assert read.states["cycles"][-1] == cycles[-1]
+        assert (read.states["cycles"][0] == cycles[0]) == (chunk > 0)
+        assert cli.main(["info", str(read.path)]) == 0
+        assert "1 parts of the file cannot be read" in capsys.readouterr().out
+
+
+def test_what_cannot_be_written_is_said(recorded, tmp_path, capsys):
+    _, recording = recorded
+    for command, *to in (["export", "a.csv"], ["export", "a.parquet"], ["plot", "--save", "a.png"]):
+        to[-1] = str(tmp_path / "no" / to[-1])
+        assert cli.main([command, str(recording.path), *to]) == 1
+        assert f"{to[-1]} cannot be written: No such file or directory" in capsys.readouterr().err
 
 
 def test_garbage_is_no_message():

@@ -20,6 +20,7 @@ from frankapy import (
 from frankapy.parts import (
     CartesianImpedance,
     Contact,
+    ForcePosition,
     FreeDrive,
     InternalImpedance,
     JointImpedance,
@@ -34,6 +35,7 @@ from frankapy.parts import (
     StayJoint,
     StayPose,
     StreamCartesianVelocity,
+    StreamForcePosition,
     StreamJoint,
     StreamJointVelocity,
     StreamPose,
@@ -204,6 +206,174 @@ def test_a_spring_becomes_stiffer_over_its_topic(fa):
             )
     fa.stop_skill()
     assert fa.last_skill_result.ending == proto.STOPPED
+
+
+# --- limits, and what happens when nothing comes ------------------------------------------------------------------------
+
+
+def drive(fa, publisher, message, until):
+    wait_for(fa, lambda: publisher.publish(message) or until())
+
+
+def held_by_motion_limits(fa):
+    return bool(fa.get_arm_state().held_by & proto.MOTION_LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "slow", "fast"),
+    [
+        (
+            StreamJointVelocity("pace", timeout=3000),
+            proto.JointVelocitySensorMessage(joint_velocities=[0] * 6 + [0.1]),
+            proto.JointVelocitySensorMessage(joint_velocities=[0] * 6 + [-9]),
+        ),
+        (
+            StreamCartesianVelocity("pace", timeout=3000),
+            proto.CartesianVelocitySensorMessage(cartesian_velocities=[0, 0, 0, 0, 0, 0.05]),
+            proto.CartesianVelocitySensorMessage(cartesian_velocities=[0, 0, 0, 0, 0, -9]),
+        ),
+        (
+            StreamJoint("pace", delay=0.2, speed=0.05),
+            proto.JointChunk(times=[2, 4], joints=[*HOME, *NEAR]),
+            proto.JointChunk(times=[0.5, 0.6], joints=[*NEAR, *HOME]),
+        ),
+    ],
+)
+def test_what_is_streamed_faster_than_the_limits_is_told(fa, trajectory, slow, fast):
+    fa.goto_joints(HOME, 1)
+    with fa.publisher("pace") as publisher, fa.publisher("over") as over:
+        fa.run(trajectory, InternalImpedance(), SensorSays("over"), block=False)
+        publisher.publish(slow)
+        wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 0.05)
+        assert not held_by_motion_limits(fa)
+        over.publish(END)
+        fa.wait_for_skill()
+        assert fa.last_skill_result.limited_cycles == 0
+
+        fa.run(trajectory, InternalImpedance(), SensorSays("over"), block=False)
+        publisher.publish(fast)
+        wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING and fa.get_arm_state().skill_time > 2)
+        over.publish(END)
+        fa.wait_for_skill()
+    assert fa.last_skill_result.held_by == proto.MOTION_LIMITS
+    assert fa.last_skill_result.limited_cycles > 50
+    assert "held back by motion limits" in repr(fa.last_skill_result)
+
+
+def test_a_chunk_whose_publisher_falls_silent_is_left_after_the_timeout_and_the_next_is_followed(fa):
+    fa.goto_joints(HOME, 1)
+    fa.run(StreamJoint("left", timeout=0.5), InternalImpedance(), Never(), block=False)
+    with fa.publisher("left") as publisher:
+        publisher.publish(proto.JointChunk(times=[0.05, 1.5], joints=[*HOME, *NEAR]))
+        wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 5e-3)
+        wait_for(fa, lambda: np.abs(fa.get_joint_velocities()).max() < 1e-4)
+        left = fa.get_joints()
+        assert 5e-3 < np.abs(left - HOME).max() < 0.05
+        until = fa.get_arm_state().cycles + 3000
+        wait_for(fa, lambda: fa.get_arm_state().cycles > until)
+        np.testing.assert_allclose(fa.get_joints(), left, atol=1e-3)
+        publisher.publish(proto.JointChunk(times=[0.4], joints=NEAR))
+        wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+    fa.stop_skill()
+
+
+def test_a_wrench_gives_way_where_its_publisher_falls_silent(fa):
+    def pushed():
+        wrench = fa.get_arm_state().O_F_EE_ref
+        return wrench[0] if len(wrench) else 0.0
+
+    message = proto.ForcePositionSensorMessage(
+        pose=fa.get_pose(include_tool_offset=False).matrix.T.ravel(), force=[3, 0, 0, 0, 0, 0]
+    )
+    law = ForcePosition(selection=[1] * 6)  # so that the arm stays, and shows what it was asked for
+    for timeout, stays in [(0.5, False), (None, False), (0, True)]:
+        fa.run(StreamForcePosition("push", timeout=timeout), law, Never(), block=False)
+        with fa.publisher("push") as publisher:
+            drive(fa, publisher, message, lambda: pushed() == 3)
+        if stays:
+            until = fa.get_arm_state().cycles + 3000
+            wait_for(fa, lambda until=until: fa.get_arm_state().cycles > until)
+            assert pushed() == 3
+        else:
+            wait_for(fa, lambda: pushed() == 0)
+        assert not fa.is_skill_done()
+        fa.stop_skill()
+
+
+def test_what_was_published_long_before_its_skill_begins_moves_nothing(fa):
+    """The time of the arm counts: a second of it, with a timeout of half of that."""
+    fa.goto_joints(HOME, 1)
+    turn = proto.JointVelocitySensorMessage(joint_velocities=[0] * 6 + [0.5])
+    streams = [
+        (StreamJoint("waits", delay=0, timeout=0.5), positions(NEAR), True),
+        (StreamJoint("waits"), positions(NEAR), True),
+        (StreamJointVelocity("waits", timeout=0.5), turn, True),
+        (StreamJoint("waits", timeout=0), positions(NEAR), False),
+    ]
+    with fa.publisher("waits") as publisher, fa.publisher("go") as go, fa.publisher("over") as over:
+        for trajectory, message, is_old in streams:
+            stale = fa.topics()["waits"].stale if "waits" in fa.topics() else 0
+            with fa.sequence() as results:
+                fa.run(StayJoint(10_000), InternalImpedance(), SensorSays("go"))
+                fa.run(trajectory, InternalImpedance(), [SensorSays("over"), Silence("waits", 3000)])
+                wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
+                first = fa.get_arm_state().skill_id
+                count = fa.topics()["waits"].received + 1 if "waits" in fa.topics() else 1
+                publisher.publish(message)
+                received(fa, publisher, count)
+                until = fa.get_arm_state().cycles + 1000
+                wait_for(fa, lambda until=until: fa.get_arm_state().cycles > until)
+                go.publish(END)
+                wait_for(fa, lambda first=first: fa.get_arm_state().skill_id > first and fa.get_arm_state().skill_time > 2)
+                if is_old:
+                    assert np.abs(fa.get_joints() - HOME).max() < 1e-3
+                    assert fa.topics()["waits"].stale > stale
+                    drive(fa, publisher, message, lambda: np.abs(fa.get_joints() - HOME).max() > 0.05)
+                else:
+                    wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
+                over.publish(END)
+            assert results[1].termination == "SensorSays"
+            assert not is_old or fa.topics()["waits"].stale > stale
+            fa.goto_joints(HOME, 1)
+
+
+def test_the_time_without_data_counts_from_the_beginning_of_the_skill(fa):
+    with fa.publisher("none") as publisher, fa.publisher("go") as go, fa.sequence() as results:
+        fa.run(StayJoint(10_000), InternalImpedance(), SensorSays("go"))
+        fa.run(StreamJoint("none"), InternalImpedance(), Silence("none", 0.5))
+        publisher.publish(positions(HOME))
+        wait_for(fa, lambda: fa.get_arm_state().skill_time > 3)
+        go.publish(END)
+    assert results[1].termination == "Silence"
+    assert results[1].time == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_publisher_that_is_killed_leaves_an_arm_at_rest_for_the_next(fa, ideal_arm):
+    fa.goto_joints(HOME, 1)
+    fa.run(StreamJointVelocity("dies", timeout=10), InternalImpedance(), Never(), block=False)
+    script = f"""
+import itertools, time
+from frankapy import SensorPublisher, proto
+publisher = SensorPublisher("dies", server={ideal_arm.server!r})
+for i in itertools.count():
+    speed = 0.1 * (-1) ** (i // 100)
+    publisher.publish(proto.JointVelocitySensorMessage(joint_velocities=[0] * 6 + [speed]))
+    time.sleep(0.005)
+"""
+    process = subprocess.Popen([sys.executable, "-c", script])
+    try:
+        wait_for(fa, lambda: abs(fa.get_joint_velocities()[6]) > 0.05)
+    finally:
+        process.kill()
+        process.wait()
+    wait_for(fa, lambda: fa.topics()["dies"].silences > 0 and np.abs(fa.get_joint_velocities()).max() < 1e-4)
+    assert not fa.is_skill_done()
+    rests = fa.get_joints()[6]
+    with fa.publisher("dies") as publisher:
+        turn = proto.JointVelocitySensorMessage(joint_velocities=[0] * 6 + [-0.2])
+        drive(fa, publisher, turn, lambda: fa.get_joints()[6] < rests - 0.02)
+    fa.stop_skill()
+    assert fa.topics()["dies"].lost == 0
 
 
 # --- ends ------------------------------------------------------------------------------------------------------------
@@ -416,7 +586,7 @@ def test_what_is_older_than_the_timeout_moves_nothing(fa):
 
 def test_of_a_chunk_that_comes_late_what_is_not_over_yet_is_taken(fa):
     fa.goto_joints(HOME, 1)
-    fa.run(StreamJoint("chunks", timeout=0.5), InternalImpedance(), Never(), block=False)
+    fa.run(StreamJoint("chunks"), InternalImpedance(), Never(), block=False)
     sent = time.time_ns()
     with fa.publisher("chunks") as publisher:
         publish(publisher, 1, sent, proto.JointChunk(times=[0.1], joints=HOME))
@@ -494,7 +664,8 @@ def test_the_status_says_who_commands(fa, ideal_arm, capsys):
     assert cli.main(["status", "--server", ideal_arm.server]) == 0
     told = " ".join(capsys.readouterr().out.split())
     assert f"pid {os.getpid()}" in told
-    assert "shown: JointPositionSensorMessage" in told and "3 received; skill" in told
+    assert "shown: JointPositionSensorMessage" in told and "3 received" in told
+    assert f"; skill {fa.get_arm_state().skill_id} listens" in told
     fa.stop_skill()
 
 

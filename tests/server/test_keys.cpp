@@ -267,7 +267,7 @@ class KeyedTransportTest : public testing::Test {
   BlackBox box_;
   realtime::Door door_{box_.records};
   Publisher publisher_{context_, {"127.0.0.1", &keys_}, 0, door_, nullptr};
-  SensorHub sensors_{context_, {"127.0.0.1", &keys_}, 0, box_.journal, false};
+  SensorHub sensors_{context_, {"127.0.0.1", &keys_}, 0, box_.journal, door_.robot_time, false};
   Recorder recorder_{box_, RecordingsConfig{.mode = RecordingsConfig::Mode::kOff, .folder = {}}, "arm", nullptr};
   Transport transport_{context_, {"127.0.0.1", &keys_}, 0, door_, publisher_, sensors_, recorder_, nullptr, WallStore({}),
                        {.clock = [] { return std::chrono::steady_clock::duration{}; }}};  // no lease falls free

@@ -78,6 +78,7 @@ class RecordingTest : public testing::Test {
     for (int i = 0; i < 6000 && !so(); ++i) std::this_thread::sleep_for(10ms);
     return so();
   }
+  void expect_nothing_lost_where_files_change();
 
   const fs::path folder_ = fs::temp_directory_path() / fmt::format("test-recording-{}", getpid());
   const fs::path boxes_ = fmt::format("/dev/shm/test-recording-{}", getpid());
@@ -215,9 +216,9 @@ TEST_F(RecordingTest, LittleRoomIsForSeveralFiles) {
   EXPECT_FALSE(recorder.ask({}).has_error()) << recorder.ask({}).error();
 }
 
-TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileGivesWayToTheNext) {
+// Records all until there are four files, and looks for what was to be in them.
+void RecordingTest::expect_nothing_lost_where_files_change() {
   config_.mode = RecordingsConfig::Mode::kAlways;
-  config_.file_mb = 0.2;
   constexpr std::size_t kBatch = 100;
   std::size_t batches = 0;
   {
@@ -243,6 +244,16 @@ TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileGivesWayToTheNext) {
   EXPECT_EQ(std::adjacent_find(lines.begin(), lines.end()), lines.end());
 }
 
+TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileIsLongEnough) {
+  config_.file_mb = 0.2;
+  expect_nothing_lost_where_files_change();
+}
+
+TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileIsOldEnough) {
+  config_.file_minutes = 0.002;
+  expect_nothing_lost_where_files_change();
+}
+
 TEST_F(RecordingTest, ADiskThatTakesNothingIsSaid) {
   config_.mode = RecordingsConfig::Mode::kAlways;
   config_.folder = "/proc/nowhere";
@@ -260,10 +271,14 @@ TEST_F(RecordingTest, AClientAsksForIt) {
   ASSERT_TRUE(wait_for([&] { return recorder.ask({}).open(); }));
   cycles(300);
   ASSERT_TRUE(wait_for([&] { return recorder.ask({}).states() == 300; }));
+  cycles(77);
   request.set_on(false);
   recorder.ask(request);
   ASSERT_TRUE(wait_for([&] { return !recorder.ask({}).open(); }));
-  EXPECT_EQ(count(read(recorder.ask({}).file()), "/states"), 300u);
+  const auto told = recorder.ask({});
+  EXPECT_EQ(count(read(told.file()), "/states"), 377u);
+  EXPECT_EQ(told.states(), 377u);
+  EXPECT_EQ(told.bytes(), fs::file_size(told.file()));
 }
 
 // A process that records is killed: what it wrote is readable to the last chunk, and what it had not yet written is in its black

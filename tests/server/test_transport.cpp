@@ -97,7 +97,7 @@ class TransportTest : public testing::Test {
   realtime::Door door_{box_.records};
   realtime::Record record_ = record_at_home();
   Publisher publisher_{context_, "127.0.0.1", 0, door_, nullptr};
-  SensorHub sensors_{context_, "127.0.0.1", 0, box_.journal, false};
+  SensorHub sensors_{context_, "127.0.0.1", 0, box_.journal, door_.robot_time, false};
   Recorder recorder_{box_, RecordingsConfig{.mode = RecordingsConfig::Mode::kOff, .folder = {}}, "arm", nullptr};
   std::atomic<std::chrono::milliseconds> time_{0ms};  // that leases go by
   Transport transport_{context_, "127.0.0.1", 0, door_, publisher_, sensors_, recorder_, nullptr, WallStore({}),

@@ -84,7 +84,9 @@ def _recording(status: Any) -> list[str]:
 
 def _topic(topic: Any) -> list[str]:
     words = [f"{topic.topic!r} of {topic.message or 'nothing yet'}: {topic.received} received"]
-    words += [f"{getattr(topic, field)} {field.replace('_', ' ')}" for field in ("lost", "out_of_order", "refused", "overrun")]
+    for field in ("lost", "out_of_order", "late", "stale", "refused", "overrun", "silences"):
+        if count := getattr(topic, field):
+            words.append(f"{count} {field.replace('_', ' ')}")
     return [*words, f"newest {topic.age:.3f} s ago", *([topic.why_refused] if topic.why_refused else [])]
 
 

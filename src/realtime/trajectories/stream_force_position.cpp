@@ -6,6 +6,7 @@
 #include <string>
 
 #include "realtime/check.hpp"
+#include "realtime/trajectories/target_stream.hpp"
 
 namespace realtime {
 namespace {
@@ -39,13 +40,15 @@ std::string check(const SensorSample& sample) {
 StreamForcePosition::StreamForcePosition(const Parameters& parameters, const models::Limits& limits)
     : StreamPose(parameters, limits,
                  std::make_shared<SensorInput>(require_topic(parameters.topic),
-                                               std::vector<std::string>{"ForcePositionSensorMessage"}, parameters.timeout,
-                                               check)) {}
+                                               std::vector<std::string>{"ForcePositionSensorMessage"},
+                                               parameters.timeout.value_or(TargetStream<6>::kTimeout), check)),
+      timeout_(input_->timeout()) {}
 
 void StreamForcePosition::start(const Reference& from) noexcept {
   StreamPose::start(from);
   wrench_ = wanted_ = from.wrench;
   last_ = reached_ = 0;
+  heard_.reset();
 }
 
 void StreamForcePosition::take(double time, const SensorSample& sample) noexcept {
@@ -53,10 +56,16 @@ void StreamForcePosition::take(double time, const SensorSample& sample) noexcept
   add(time, sample, pose.translation(), Eigen::Quaterniond(pose.linear()));
   wanted_ = Vector6::Map(sample.values.data() + kForceAt);
   reached_ = last_ + kRise;
+  heard_.reset();
 }
 
 bool StreamForcePosition::step(const Cycle& cycle, double time, Reference& reference) noexcept {
   StreamPose::step(cycle, time, reference);
+  if (!heard_) heard_ = cycle.time;
+  if (timeout_ > 0 && cycle.time - *heard_ > timeout_ && !wanted_.isZero(0)) {
+    wanted_.setZero();
+    reached_ = last_ + kRise;
+  }
   const double share = time < reached_ ? (time - last_) / (reached_ - last_) : 1;
   wrench_ += std::clamp(share, 0.0, 1.0) * (wanted_ - wrench_);
   last_ = time;

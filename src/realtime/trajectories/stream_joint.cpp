@@ -28,7 +28,8 @@ std::string check(const models::Limits& limits, const SensorSample& sample) {
 }  // namespace
 
 StreamJoint::StreamJoint(const Parameters& parameters, const models::Limits& limits)
-    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages, parameters.timeout,
+    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages,
+                                           parameters.timeout.value_or(TargetStream<models::kJoints>::kTimeout),
                                            [limits](const SensorSample& sample) { return check(limits, sample); })),
       stream_(std::make_unique<TargetStream<models::kJoints>>(parameters.delay, parameters.timeout, joint_rates(limits, parameters.speed))) {}
 
@@ -43,12 +44,15 @@ bool StreamJoint::step(const Cycle& cycle, double time, Reference& reference) no
   for (SensorSample sample; input_->take(sample);) {
     const double sent = sample.sent_ns != 0 ? 1e-9 * static_cast<double>(sample.sent_ns)
                                             : std::numeric_limits<double>::quiet_NaN();
-    stream_->add(time, {Vector7::Map(sample.values.data() + kJointsAt[sample.message]), sent, sample.lead, sample.replaces});
+    const Vector7 q = Vector7::Map(sample.values.data() + kJointsAt[sample.message]);
+    stream_->add(time - sample.waited, {q, sent, sample.lead, sample.replaces});
   }
   const auto point = stream_->at(time, cycle.time);
   reference.motion = Channels::kJoint;
   reference.joint = {point.x, point.v, point.a};
   return false;
 }
+
+bool StreamJoint::limited() const noexcept { return stream_->limited(); }
 
 }  // namespace realtime

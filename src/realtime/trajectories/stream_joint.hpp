@@ -18,9 +18,10 @@ class StreamJoint : public Stream {
  public:
   struct Parameters {
     std::string topic;
-    std::optional<double> delay;  // s, 0 to 1; 0: each target at once; none: twice the time between targets
-    double timeout;               // s, of a target at once: without another the arm brakes; 0: it goes on to the last
-    double speed;                 // share of the arm's limits, 0.01 to 1
+    std::optional<double> delay;    // s, 0 to 1; 0: each target at once; none: twice the time between targets
+    std::optional<double> timeout;  // s without a target after which the arm brakes; 0: it goes on to the last; none: 0.5 s of a
+                                    // target at once, 0 of others
+    double speed;                   // share of the arm's limits, 0.01 to 1
   };
 
   // Throws std::invalid_argument naming field, value and bound.
@@ -30,6 +31,7 @@ class StreamJoint : public Stream {
   Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
+  bool limited() const noexcept override;
 
  private:
   std::unique_ptr<TargetStream<models::kJoints>> stream_;

@@ -28,7 +28,8 @@ Vector3 nearest(const Vector3& r, const Vector3& to) {
 
 StreamPose::StreamPose(const Parameters& parameters, const models::Limits& limits)
     : StreamPose(parameters, limits,
-                 std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages, parameters.timeout)) {}
+                 std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages,
+                                               parameters.timeout.value_or(TargetStream<6>::kTimeout))) {}
 
 StreamPose::StreamPose(const Parameters& parameters, const models::Limits& limits, std::shared_ptr<SensorInput> input)
     : Stream(std::move(input)),
@@ -59,7 +60,7 @@ void StreamPose::add(double time, const SensorSample& sample, const Vector3& pos
   x << position, turn_;
   const double sent = sample.sent_ns != 0 ? 1e-9 * static_cast<double>(sample.sent_ns)
                                           : std::numeric_limits<double>::quiet_NaN();
-  stream_->add(time, {x, sent, sample.lead, sample.replaces});
+  stream_->add(time - sample.waited, {x, sent, sample.lead, sample.replaces});
 }
 
 bool StreamPose::step(const Cycle& cycle, double time, Reference& reference) noexcept {
@@ -75,5 +76,7 @@ bool StreamPose::step(const Cycle& cycle, double time, Reference& reference) noe
   pose.acceleration << point.a.head<3>(), rates.acceleration;
   return false;
 }
+
+bool StreamPose::limited() const noexcept { return stream_->limited(); }
 
 }  // namespace realtime

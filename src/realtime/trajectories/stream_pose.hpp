@@ -17,9 +17,10 @@ class StreamPose : public Stream {
  public:
   struct Parameters {
     std::string topic;
-    std::optional<double> delay;  // s, 0 to 1; 0: each target at once; none: twice the time between targets
-    double timeout;               // s, of a target at once: without another the arm brakes; 0: it goes on to the last
-    double speed;                 // share of the arm's limits, 0.01 to 1
+    std::optional<double> delay;    // s, 0 to 1; 0: each target at once; none: twice the time between targets
+    std::optional<double> timeout;  // s without a target after which the arm brakes; 0: it goes on to the last; none: 0.5 s of a
+                                    // target at once, 0 of others
+    double speed;                   // share of the arm's limits, 0.01 to 1
   };
 
   // Throws std::invalid_argument naming field, value and bound.
@@ -29,6 +30,7 @@ class StreamPose : public Stream {
   Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
+  bool limited() const noexcept override;
 
  protected:
   StreamPose(const Parameters& parameters, const models::Limits& limits, std::shared_ptr<SensorInput> input);

@@ -34,7 +34,8 @@ void StreamJointVelocity::start(const Reference& from) noexcept {
 bool StreamJointVelocity::step(const Cycle& cycle, double time, Reference& reference) noexcept {
   auto point = stream_->at(time, cycle.time);
   const Vector7 inside = point.x.cwiseMax(q_min_).cwiseMin(q_max_);
-  if (inside != point.x) {  // what goes on beyond a limit would have to come back first
+  at_end_ = inside != point.x;
+  if (at_end_) {  // what goes on beyond a limit would have to come back first
     stream_->move_to(inside);
     for (int i = 0; i < models::kJoints; ++i) {
       if (inside[i] != point.x[i]) point.v[i] = point.a[i] = 0;
@@ -46,6 +47,8 @@ bool StreamJointVelocity::step(const Cycle& cycle, double time, Reference& refer
   reference.joint = {point.x, point.v, point.a};
   return false;
 }
+
+bool StreamJointVelocity::limited() const noexcept { return at_end_ || stream_->limited(); }
 
 StreamCartesianVelocity::StreamCartesianVelocity(const Parameters& parameters, const models::Limits& limits)
     : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic),
@@ -79,5 +82,7 @@ bool StreamCartesianVelocity::step(const Cycle& cycle, double time, Reference& r
   pose.acceleration = point.a;
   return false;
 }
+
+bool StreamCartesianVelocity::limited() const noexcept { return stream_->limited(); }
 
 }  // namespace realtime

@@ -28,10 +28,12 @@ class StreamJointVelocity : public Stream {
   Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
+  bool limited() const noexcept override;
 
  private:
   std::unique_ptr<VelocityStream<models::kJoints>> stream_;
   Vector7 q_min_, q_max_;  // rad
+  bool at_end_ = false;    // of a joint's range
 };
 
 // The same of EE, along and about the axes of O.
@@ -46,6 +48,7 @@ class StreamCartesianVelocity : public Stream {
   Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
+  bool limited() const noexcept override;
 
  private:
   std::unique_ptr<VelocityStream<6>> stream_;

@@ -36,12 +36,13 @@ class TargetStream {
     bool replaces;  // those that are meant for later
   };
 
-  // Delay (0 to 1) and timeout in s; after `timeout` without a target (0: never) the motion to one that is gone to at once
-  // brakes where it is. `rates`: of each coordinate. Throws std::invalid_argument naming field, value and bound.
-  TargetStream(std::optional<double> delay, double timeout, const std::array<models::Limits::Rates, N>& rates)
+  // Delay (0 to 1) and timeout in s; after `timeout` without a target (0: never) the motion brakes where it is, whatever
+  // targets are left. None given: kTimeout on the way to one that is gone to at once, else 0. `rates`: of each coordinate.
+  // Throws std::invalid_argument naming field, value and bound.
+  TargetStream(std::optional<double> delay, std::optional<double> timeout, const std::array<models::Limits::Rates, N>& rates)
       : given_delay_(delay), timeout_(timeout), rates_(rates) {
     if (delay) require_within("delay", -1, *delay, 0, 1, "s");
-    require_within("timeout", -1, timeout, 0, 3600, "s");
+    if (timeout) require_within("timeout", -1, *timeout, 0, 3600, "s");
     for (int i = 0; i < N; ++i) {
       planner_.in.max_velocity[i] = rates[i].velocity;
       planner_.in.max_acceleration[i] = rates[i].acceleration;
@@ -62,7 +63,7 @@ class TargetStream {
     heard_.reset();
     first_ = count_ = 0;
     fade_end_ = -1;
-    ran_out_ = false;
+    ran_out_ = limited_ = false;
     wished_.reset();
     clock_ = kNever;
     period_ = 0;
@@ -71,7 +72,7 @@ class TargetStream {
     brake();
   }
 
-  // Came at `time`, s since start().
+  // Came at `time`, s since start(); below 0: while the start was waited for.
   void add(double time, const Target& target) {
     heard_.reset();
     buffered_ = buffered_ || target.lead > 0;
@@ -116,16 +117,26 @@ class TargetStream {
     wished_.reset();
     const double dt = time - time_;
     time_ = time;
-    if (timeout_ > 0 && clock - *heard_ > timeout_ && !braked_ && !buffered_) {
+    const double timeout = timeout_.value_or(buffered_ ? 0 : kTimeout);
+    if (timeout > 0 && clock - *heard_ > timeout && (buffered_ ? count_ > 0 : !braked_)) {
       plan_start_ = time - dt;
       desired_ = out_;
+      fade_end_ = -1;
+      count_ = 0;
+      ran_out_ = false;
       brake();
     }
+    limited_ = false;
     const Point last = desired_;
     desired_ = buffered_ ? along_knots(time, dt) : planned(time - plan_start_);
     smooth(last, time, dt);
     return out_;
   }
+
+  // Whether targets around the last point are farther apart than the rates allow.
+  bool limited() const { return limited_; }
+
+  static constexpr double kTimeout = 0.5;  // s
 
  private:
   static constexpr int kKnots = 2048;  // the longest delay at 1 kHz, and as much ahead
@@ -205,6 +216,10 @@ class TargetStream {
 
   bool jumps(const Knot& from, const Knot& to) const {
     if (to.t - from.t < kHeap * (to.meant - from.meant)) return true;
+    return is_too_fast(from, to);
+  }
+
+  bool is_too_fast(const Knot& from, const Knot& to) const {
     for (int i = 0; i < N; ++i) {
       if (std::abs(to.x[i] - from.x[i]) > rates_[i].velocity * (to.t - from.t)) return true;
     }
@@ -266,6 +281,7 @@ class TargetStream {
     }
     braked_ = ran_out_ = false;
     Knot &from = knot(i), &to = knot(i + 1);
+    limited_ = is_too_fast(from, to);
     if (jumps(from, to)) return {to.x, Vector::Zero(), Vector::Zero()};
     fix(i + 1);
     const double T = to.t - from.t, u = (p - from.t) / T;
@@ -306,12 +322,11 @@ class TargetStream {
     out_.a += Vector::Map(a.data());
   }
 
-  std::optional<double> given_delay_;
-  double timeout_;
+  std::optional<double> given_delay_, timeout_;
   std::array<models::Limits::Rates, N> rates_;
   RuckigPlanner<N> planner_;
 
-  bool buffered_ = false;
+  bool buffered_ = false, limited_ = false;
   double time_ = 0;  // s
   std::optional<double> heard_;  // s of the clock, when the last target came, or the start; none: since the last point
   Point desired_, out_;

@@ -33,6 +33,9 @@ class TrajectoryGenerator : public Part {
   // start() on.
   virtual bool shortened() const noexcept { return false; }
 
+  // Whether what comes while it runs asked for more in the last step than limits allow.
+  virtual bool limited() const noexcept { return false; }
+
   // Duration after stretching, s, and by what factor (>= 1) it was stretched; known from start() on.
   virtual double duration() const noexcept = 0;
   virtual double stretch() const noexcept = 0;

@@ -59,6 +59,9 @@ class VelocityStream {
     return out_;
   }
 
+  // Whether the newest velocity is beyond the rates.
+  bool limited() const { return limited_; }
+
   // Goes on from another place with the same motion.
   void move_to(const Vector& x) {
     out_.x = x;
@@ -67,9 +70,11 @@ class VelocityStream {
 
  private:
   void wish(const Vector& v) {
+    limited_ = false;
     for (int i = 0; i < N; ++i) {
       planner_.in.target_velocity[i] = std::clamp(v[i], -rates_[i].velocity, rates_[i].velocity);
       planner_.in.target_acceleration[i] = 0;
+      limited_ |= planner_.in.target_velocity[i] != v[i];
     }
     moves_ = !v.isZero(0);
     if (planned_ && v == wish_) return;
@@ -94,7 +99,7 @@ class VelocityStream {
   Vector wish_ = Vector::Zero();
   double time_ = 0, plan_start_ = 0;  // s
   double clock_ = 0, heard_ = 0;      // s of the robot's time: of the last point, and of the last velocity
-  bool moves_ = false, planned_ = false;
+  bool moves_ = false, planned_ = false, limited_ = false;
 };
 
 }  // namespace realtime

@@ -162,14 +162,16 @@ std::vector<Kind<realtime::TrajectoryGenerator>>& trajectories() {
         return new realtime::TimeOptimalPose({vector<3>(m.position()), quaternion(m.quaternion()), m.speed()}, arm.limits);
       }),
       trajectory<proto::StreamJoint>([](const auto& m, const auto& arm) {
-        return new realtime::StreamJoint({m.topic(), given(m.has_delay(), m.delay()), m.timeout(), m.speed()}, arm.limits);
+        return new realtime::StreamJoint(
+            {m.topic(), given(m.has_delay(), m.delay()), given(m.has_timeout(), m.timeout()), m.speed()}, arm.limits);
       }),
       trajectory<proto::StreamPose>([](const auto& m, const auto& arm) {
-        return new realtime::StreamPose({m.topic(), given(m.has_delay(), m.delay()), m.timeout(), m.speed()}, arm.limits);
+        return new realtime::StreamPose(
+            {m.topic(), given(m.has_delay(), m.delay()), given(m.has_timeout(), m.timeout()), m.speed()}, arm.limits);
       }),
       trajectory<proto::StreamForcePosition>([](const auto& m, const auto& arm) {
-        return new realtime::StreamForcePosition({m.topic(), given(m.has_delay(), m.delay()), m.timeout(), m.speed()},
-                                                 arm.limits);
+        return new realtime::StreamForcePosition(
+            {m.topic(), given(m.has_delay(), m.delay()), given(m.has_timeout(), m.timeout()), m.speed()}, arm.limits);
       }),
       trajectory<proto::StreamJointVelocity>([](const auto& m, const auto& arm) {
         return new realtime::StreamJointVelocity({m.topic(), m.timeout(), m.speed()}, arm.limits);
