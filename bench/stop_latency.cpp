@@ -68,7 +68,7 @@ int main() {
   server::BlackBox box;
   realtime::Door door(box.records);
   server::Publisher publisher(context, "127.0.0.1", 0, door, nullptr);
-  server::SensorHub sensors(context, "127.0.0.1", 0, box.journal, false);
+  server::SensorHub sensors(context, "127.0.0.1", 0, box.journal, door.robot_time, false);
   server::Recorder recorder(box, {.mode = server::RecordingsConfig::Mode::kOff, .folder = {}}, "arm", nullptr);
   server::Transport transport(context, "127.0.0.1", 0, door, publisher, sensors, recorder, nullptr);
   std::atomic<bool> quit{false};
