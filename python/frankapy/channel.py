@@ -33,6 +33,7 @@ SILENCE = 3.0  # s without an answer after which the server is taken for gone
 HANDSHAKE_FAILURES = (
     zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
 )
+_COROUTINE_TICK = 0.002  # s
 _ALIVE_PERIOD = 0.2  # s; the server frees the lease of a client that is silent for much longer
 
 _EXCEPTIONS = {
@@ -88,6 +89,23 @@ def parse_reply(data: bytes) -> proto.Reply | None:
         return proto.Reply.FromString(data)
     except DecodeError:
         return None
+
+
+async def answered(call: Callable[[], object], stop: Callable[[], object]) -> None:
+    """Wait in a coroutine until a call returns something, or raises what an answer stands for.
+
+    Where the coroutine is cancelled, `stop` is called.
+    """
+    import asyncio  # which takes its time
+
+    try:
+        while call() is None:
+            await asyncio.sleep(_COROUTINE_TICK)
+    except asyncio.CancelledError:
+        stop()
+        raise
+    except FrankaArmException:
+        pass  # the caller finds it again
 
 
 class Call:

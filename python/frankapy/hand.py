@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from frankapy import interrupts, proto
-from frankapy.channel import Call
+from frankapy.channel import Call, answered
 from frankapy.connection import Connection
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
 from frankapy.franka_constants import FrankaConstants as FC
@@ -101,17 +101,9 @@ class Hand:
         """Wait in a coroutine for the end of the command that was last sent; the hand is stopped where that is cancelled."""
         import asyncio  # which takes its time
 
-        if (call := self._last) is None:
-            return
-        try:
-            while call.last(timeout=0) is None:
-                await asyncio.sleep(_TICK)
-        except asyncio.CancelledError:
-            self._server.send(proto.Request(gripper=STOP))
-            raise
-        except FrankaArmException:
-            pass  # found again below
-        await asyncio.to_thread(self._finish, call, ignore_errors)
+        if (call := self._last) is not None:
+            await answered(lambda: call.last(timeout=0), lambda: self._server.send(proto.Request(gripper=STOP)))
+            await asyncio.to_thread(self._finish, call, ignore_errors)
 
     def is_done(self) -> bool:
         """Return whether the command that was last sent has ended; raises as `wait` does, once."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from google.protobuf.message import Message
 
 from frankapy import interrupts, proto
-from frankapy.channel import Call, advised
+from frankapy.channel import Call, advised, answered
 from frankapy.connection import Connection
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
 from frankapy.progress import progress
@@ -23,7 +23,6 @@ logger = logging.getLogger("frankapy")
 
 _STRETCH_WORTH_A_WORD = 1.01
 _LONG, _TICK = 2.0, 0.1  # s: of a motion with a progress bar, between looks at it
-_COROUTINE_TICK = 0.002  # s
 _STOP_TIME = 3.0  # s after which an interrupted call no longer waits for the arm to rest
 _MAX_BLEND = 10.0  # s
 
@@ -210,14 +209,8 @@ class Motions:
         import asyncio  # which takes its time
 
         if (motion := self.running) is not None:
-            try:
-                while motion.result(timeout=0) is None:
-                    await asyncio.sleep(_COROUTINE_TICK)
-            except asyncio.CancelledError:
-                self._server.send(proto.Request(stop_skill=proto.StopSkill()))
-                raise
-            except FrankaArmException:
-                pass  # found again below
+            stop = proto.Request(stop_skill=proto.StopSkill())
+            await answered(lambda: motion.result(timeout=0), lambda: self._server.send(stop))
             await asyncio.to_thread(self.wait, motion, ignore_errors)
         return self.last_result
 

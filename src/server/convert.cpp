@@ -171,6 +171,14 @@ std::string explain(const realtime::SkillResult& result) {
 
 }  // namespace
 
+void convert(const realtime::Reference& goal, proto::SkillStarted& out) {
+  if (goal.motion == realtime::Channels::kJoint) {
+    put(goal.joint.q, out.mutable_goal_q());
+  } else {
+    put(realtime::frame(goal.cartesian).matrix(), out.mutable_goal_o_t_ee());
+  }
+}
+
 proto::Phase convert(realtime::Phase phase) {
   switch (phase) {
     case realtime::Phase::kConnecting: return proto::CONNECTING;

@@ -11,6 +11,9 @@ namespace server {
 // (description, gripper, age).
 void convert(const realtime::Record& record, frankapy::proto::ArmState& out);
 
+// Where a skill ends.
+void convert(const realtime::Reference& goal, frankapy::proto::SkillStarted& out);
+
 frankapy::proto::Phase convert(realtime::Phase phase);
 frankapy::proto::Ending convert(realtime::Ending ending);
 

@@ -7,7 +7,6 @@
 #include <memory>
 #include <utility>
 
-#include "realtime/rotation.hpp"
 #include "server/convert.hpp"
 #include "server/publisher.hpp"
 #include "server/recorder.hpp"
@@ -163,12 +162,7 @@ void Skills::begin(Build& build) {
   proto::Reply reply;
   auto& started = *reply.mutable_skill_started();
   started.set_skill_id(id);
-  if (goal.motion == realtime::Channels::kJoint) {
-    started.mutable_goal_q()->Assign(goal.joint.q.begin(), goal.joint.q.end());
-  } else {
-    const Eigen::Matrix4d O_T_EE = realtime::frame(goal.cartesian).matrix();
-    started.mutable_goal_o_t_ee()->Assign(O_T_EE.data(), O_T_EE.data() + O_T_EE.size());
-  }
+  convert(goal, started);
   answers_.send(from, reply);
   if (found.cancelled) end({.skill_id = id, .ending = realtime::Ending::kCancelled});
   if (unread) end({.skill_id = unread->id, .ending = realtime::Ending::kPreempted});

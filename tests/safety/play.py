@@ -207,9 +207,9 @@ class Player:
 
     def _walls(self, draw: Draw) -> None:
         walls = self._fa.walls
-        names = [standing.wall.name for standing in self.standing if standing.end is None]
-        if names and (len(names) >= MOST_WALLS or draw.chance(0.3)):
-            gone = draw.one(names)
+        there = self._there()
+        if there and (len(there) >= MOST_WALLS or draw.chance(0.3)):
+            gone = draw.one([wall.name for wall in there])
             self._ends({gone})
             self._try(lambda: walls.remove(gone))
             return
@@ -218,7 +218,6 @@ class Player:
             self._run(draw.skill())
             self._pass(draw.uniform(0, 0.3))
         q = self._control.truth().q
-        there = [standing.wall for standing in self.standing if standing.end is None]
         held = [held_capsule(body) for body in there if body.held]
         for _ in range(20):
             wall = draw.wall()
@@ -235,7 +234,7 @@ class Player:
                 break
 
     def _home(self, _: Draw) -> None:
-        names = {standing.wall.name for standing in self.standing if standing.end is None}
+        names = {wall.name for wall in self._there()}
         self._ends(names)
         self._try(lambda: self._fa.walls.remove(*names))
         self._home_joints()
@@ -307,7 +306,7 @@ class Player:
 
     def _server_is_killed(self, draw: Draw) -> None:
         self._judge_commands()
-        names = {standing.wall.name for standing in self.standing if standing.end is None}
+        names = {wall.name for wall in self._there()}
         self._expected.add("communication_constraints_violation")
         self._alone = False
         self._run(draw.skill())
@@ -390,6 +389,9 @@ class Player:
                 for message in draw.sensor_messages():
                     publisher.publish(message)
                 self._pass(draw.uniform(0, 0.03))
+
+    def _there(self) -> list[proto.Wall]:
+        return [standing.wall for standing in self.standing if standing.end is None]
 
     def _ends(self, names: set[str]) -> None:
         cycle = self._control.truth().cycle

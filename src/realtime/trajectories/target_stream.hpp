@@ -214,10 +214,9 @@ class TargetStream {
     --count_;
   }
 
-  bool jumps(const Knot& from, const Knot& to) const {
-    if (to.t - from.t < kHeap * (to.meant - from.meant)) return true;
-    return is_too_fast(from, to);
-  }
+  bool jumps(const Knot& from, const Knot& to) const { return are_heaped(from, to) || is_too_fast(from, to); }
+
+  bool are_heaped(const Knot& from, const Knot& to) const { return to.t - from.t < kHeap * (to.meant - from.meant); }
 
   bool is_too_fast(const Knot& from, const Knot& to) const {
     for (int i = 0; i < N; ++i) {
@@ -282,7 +281,7 @@ class TargetStream {
     braked_ = ran_out_ = false;
     Knot &from = knot(i), &to = knot(i + 1);
     limited_ = is_too_fast(from, to);
-    if (jumps(from, to)) return {to.x, Vector::Zero(), Vector::Zero()};
+    if (limited_ || are_heaped(from, to)) return {to.x, Vector::Zero(), Vector::Zero()};
     fix(i + 1);
     const double T = to.t - from.t, u = (p - from.t) / T;
     if (!from.left) soften(from, to);
