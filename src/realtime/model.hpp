@@ -42,8 +42,9 @@ class Model {
   // Forward kinematics of any q, without touching the rest.
   Eigen::Isometry3d O_T_EE(const Vector7& q) noexcept;
 
-  // How the joints go along with a motion of EE, from any q; damped next to singularities.
-  JointsOfPose joints_of_pose(const Vector7& q) noexcept;
+  // How the joints go along with a motion of EE, from any q; damped next to singularities, and the more the farther EE is left behind
+  // (`left`, m and rad): where no joints reach, they come to rest as near as they can.
+  JointsOfPose joints_of_pose(const Vector7& q, double left = 0) noexcept;
 
  private:
   struct Impl;

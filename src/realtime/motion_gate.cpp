@@ -23,6 +23,11 @@ constexpr double kNoWay = 1e-9;       // m, of the tool
 constexpr double kSlowest = 1e-3;     // rad/s, of a joint that has no way to go
 constexpr double kNoFaster = 1e-4;    // m/s in a cycle, of a tool that is being slowed
 
+constexpr double kLeft = 1e-4;            // m and rad, between a pose and its joints, beyond which it counts
+constexpr double kLeftBehind = 1e-3;      // m and rad, between a pose and its joints, that is no longer rounding
+constexpr double kNearlySingular = 1.1e-3;  // determinant, a little before a pose that moves is stopped
+constexpr double kLookAhead = 1e-3;       // m and rad
+
 constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
 
 // So near to each other that an arm which a wall holds up does not stir for it.
@@ -67,16 +72,20 @@ void MotionGate::observe(const Reference& reference, const Vector7& gravity, con
   } else if (q_d != nullptr) {
     joints_ = model_.joints_of_pose(*q_d);
   } else {
-    pose_joints_.place(joints_.q);
+    if (pose_joints_.joints().q != joints_.q) pose_joints_.place(joints_.q);
     pose_joints_.step(reference.cartesian, kTick);
-    if (pose_joints_.prefers() && !elbow_is_clear(pose_joints_.joints().q)) {
-      pose_joints_.place(joints_.q);
-      pose_joints_.step(reference.cartesian, 0);
-    }
+    if (pose_joints_.prefers() && !elbow_is_clear(pose_joints_.joints().q)) pose_joints_.leave_elbow();
     joints_ = pose_joints_.joints();
   }
+  robots_ = q_d != nullptr;
   if (reference.motion == Channels::kPose) {
-    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)), q_d != nullptr);
+    // What is left behind damps the joints; how fast they will have to go when the pose comes back to them is another matter.
+    JointsOfPose map = joints_;
+    if (!robots_ && pose_joints_.left().norm() > kLeft) {
+      map = model_.joints_of_pose(joints_.q);
+      joints_.dq_dP = map.dq_dP;
+    }
+    limiter_.joints_follow(map, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)), robots_);
   }
 }
 
@@ -125,6 +134,20 @@ void MotionGate::share_tool_speed(const Reference& wanted) noexcept {
   limiter_.bound(dq);
 }
 
+// Whether a step leads a pose farther from where its joints can be, or what is wanted a robot's joints from next to a singular
+// posture nearer to it: of an arm at rest the limiter does not know where its next step leads.
+bool MotionGate::out_of_reach(const Reference& wanted, const Reference& step) noexcept {
+  if (step.motion != Channels::kPose) return false;
+  if (!robots_) {
+    const Vector6& left = pose_joints_.left();
+    return left.norm() > kLeftBehind && left.dot(change_between(before_.cartesian, step.cartesian)) > 0;
+  }
+  if (std::abs(joints_.determinant) > kNearlySingular || wanted.motion != Channels::kPose || !is_finite(wanted)) return false;
+  const Vector6 way = change_between(before_.cartesian, wanted.cartesian);
+  const Vector7 there = joints_.q + joints_.dq_dP * way * (kLookAhead / std::max(way.norm(), kLookAhead));
+  return std::abs(model_.joints_of_pose(there).determinant) < std::abs(joints_.determinant);
+}
+
 // One step, and what held it back. One that would be beyond the bounds is made by joints that are slowed; where that does not do,
 // all are braked.
 HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference) noexcept {
@@ -169,6 +192,11 @@ bool MotionGate::elbow_is_clear(const Vector7& q) noexcept {
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
   HeldBy held = keep_to_bounds(wanted, reference);
+  if (out_of_reach(wanted, reference)) {
+    limiter_.take_back();
+    limiter_.brake(kTick, reference);
+    held |= HeldBy::kMotionLimits;
+  }
   const ArmCapsules* const arm = walls_.arm();
   if (arm == nullptr) return held;
   const HeldBy met = meets(*arm, reference, WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));

@@ -61,6 +61,7 @@ class MotionGate {
   WallGuard& walls() noexcept { return walls_; }
 
  private:
+  bool out_of_reach(const Reference& wanted, const Reference& step) noexcept;
   HeldBy keep_to_bounds(const Reference& wanted, Reference& reference) noexcept;
   HeldBy beyond_bounds(const Reference& reference, double fastest) const noexcept;
   double tool_speed() const noexcept;
@@ -84,6 +85,7 @@ class MotionGate {
   PoseJoints pose_joints_;
   JointsOfPose joints_;
   Reference before_;
+  bool robots_ = false;  // makes the joints of a pose itself
   bool walled_ = false;  // in the step before
   bool soon_ = false;    // it comes to rest before what is in the way only if it brakes soon
   bool slowed_ = false;  // joints, since the tool would have been too fast, until they have caught up

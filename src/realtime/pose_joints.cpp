@@ -17,12 +17,50 @@ constexpr double kElbowGain = 2;     // rad/s
 constexpr double kPostureSpeed = 0.1;  // rad/s
 constexpr double kPostureGain = 1;     // 1/s, of the way that is left
 
+// Determinants of the Jacobian, 0.037 at home.
+constexpr double kNearlySingular = 5e-3, kLeastDeterminant = 1e-3;
+constexpr double kFlat = 1e-8;  // 1/rad², of the square of its slope
+constexpr double kMet = 0.02;  // of a way, that may be left of it by a step that leads there
+
 }  // namespace
 
+void PoseJoints::place(const Vector7& q) noexcept {
+  joints_.q = q;
+  pose_.reset();
+  left_.setZero();
+}
+
 void PoseJoints::step(const CartesianReference& pose, double dt) noexcept {
-  joints_ = model_.joints_of_pose(joints_.q);
-  joints_.q += joints_.dq_dP * change_between(at(joints_.O_T_EE), pose);
-  joints_.q += dt * elbow_speed() * joints_.null_motion;
+  joints_ = model_.joints_of_pose(joints_.q, left_.norm());
+  if (pose_) left_ = change_between(at(joints_.O_T_EE), *pose_);
+  pose_ = pose;
+  joints_.q += before_singularity(joints_.dq_dP * change_between(at(joints_.O_T_EE), pose), pose);
+  elbow_ = dt * elbow_speed() * joints_.null_motion;
+  joints_.q += elbow_;
+}
+
+// Of a step of the joints what does not lead them into a singular posture, or past it, for a pose that they do not reach: from there
+// they could come back another way.
+Vector7 PoseJoints::before_singularity(const Vector7& step, const CartesianReference& pose) noexcept {
+  const double side = std::copysign(1., joints_.determinant), here = std::abs(joints_.determinant);
+  if (here > kNearlySingular) return step;
+  const JointsOfPose ahead = model_.joints_of_pose(joints_.q + step);
+  const double there = side * ahead.determinant;
+  if (there > kLeastDeterminant || there >= here) return step;
+  const double left = change_between(at(ahead.O_T_EE), pose).norm();
+  if (left < kMet * change_between(at(joints_.O_T_EE), pose).norm()) return step;
+  constexpr double kStep = 1e-4;  // rad
+  Vector7 slope;
+  for (int i = 0; i < models::kJoints; ++i) {
+    slope[i] = (side * model_.joints_of_pose(joints_.q + kStep * Vector7::Unit(i)).determinant - here) / kStep;
+  }
+  const double least = std::min(kLeastDeterminant - here, 0.);
+  return step + std::max(least - slope.dot(step), 0.) / std::max(slope.squaredNorm(), kFlat) * slope;
+}
+
+void PoseJoints::leave_elbow() noexcept {
+  joints_.q -= elbow_;
+  elbow_.setZero();
 }
 
 double PoseJoints::elbow_speed() const noexcept {

@@ -14,7 +14,8 @@ class PoseJoints {
  public:
   PoseJoints(Model& model, const models::Limits& limits) : model_(model), limits_(limits) {}
 
-  void place(const Vector7& q) noexcept { joints_.q = q; }
+  // Wherever they were: from here on nothing is left behind.
+  void place(const Vector7& q) noexcept;
 
   // From now on they are to come near this posture, rad; none: the elbow stays.
   void prefer(const std::optional<Vector7>& posture) noexcept { posture_ = posture; }
@@ -22,17 +23,27 @@ class PoseJoints {
 
   // One step towards the pose, in dt seconds of the elbow's time. Damped next to singularities, where the pose is then not met.
   void step(const CartesianReference& pose, double dt) noexcept;
+  // Takes back by what the last step has moved the elbow.
+  void leave_elbow() noexcept;
+
+  // What was left to the pose of the step before the last one when that was made: m and a rotation vector (rad), axes of O. Next to
+  // nothing, unless no joints reach it.
+  const Vector6& left() const noexcept { return left_; }
 
   // Where they are, with the map that led there.
   const JointsOfPose& joints() const noexcept { return joints_; }
 
  private:
   double elbow_speed() const noexcept;
+  Vector7 before_singularity(const Vector7& step, const CartesianReference& pose) noexcept;
 
   Model& model_;
   const models::Limits limits_;
   std::optional<Vector7> posture_;
   JointsOfPose joints_;
+  Vector7 elbow_ = Vector7::Zero();         // rad, of the last step
+  std::optional<CartesianReference> pose_;  // of the last step
+  Vector6 left_ = Vector6::Zero();
 };
 
 }  // namespace realtime

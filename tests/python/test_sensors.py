@@ -71,6 +71,25 @@ def test_joints_that_are_published_are_gone_to(fa, controller):
     assert fa.last_skill_result.ending == proto.STOPPED
 
 
+@pytest.mark.parametrize("controller", [InternalImpedance(), CartesianImpedance(600, 50), JointImpedance()])
+def test_poses_out_of_reach_are_gone_to_as_far_as_it_goes_and_left_again(fa, controller):
+    fa.goto_joints(HOME, 1)
+    home = fa.get_pose()
+    fa.run(StreamPose("pose", delay=0, timeout=0), controller, Never(), block=False)
+    with fa.publisher("pose") as publisher:
+        def send(place):
+            publisher.publish(proto.PosePositionSensorMessage(position=place, quaternion=home.quaternion))
+            return fa.get_arm_state().robot.message_id
+
+        for place in ([1.9, 0, 0.4], [0.75, 0, 0.4], [0.4, 0, 1.6], [0.8, 0, 0.2]):
+            sent = send(place)
+            fa.wait_for(lambda state, sent=sent: state.robot.message_id > sent + 1000 and np.abs(state.robot.dq).max() < 2e-3, 120)
+            send(home.translation)
+            fa.wait_for(lambda state: np.linalg.norm(state.robot.O_T_EE[12:15] - home.translation) < 0.02, 120)
+    fa.stop_skill()
+    assert fa.last_skill_result.ending == proto.STOPPED
+
+
 @pytest.mark.parametrize("controller", [InternalImpedance(), CartesianImpedance(1500, 100)])
 def test_poses_that_are_published_are_gone_to(fa, controller):
     goal = fa.get_pose(include_tool_offset=False)
