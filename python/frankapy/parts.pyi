@@ -644,7 +644,8 @@ def CartesianImpedance(
         translational_stiffness: 3 numbers, N/m, 0 to 3000, default 600 600 600.
         rotational_stiffness: 3 numbers, N m/rad, 0 to 300, default 50 50 50.
         damping_ratio: 0.1 to 3, default 1.0. Of each mode of the arm's inertia at EE on this stiffness; 1 is critical.
-        nullspace_stiffness: N m/rad, 0 to 100, default 10.0.
+        nullspace_stiffness: N m/rad, 0 to 100, default 10.0. Of the joints, towards those of the reference, in what does
+            not move EE; next to a singularity also in what hardly does.
         frame: base | end_effector, default base.
         topic: may be left out.
         integral_rate: 1/s, 0 to 10, default 0.0. An integral of rate K e along and about each axis, bounded: it takes away

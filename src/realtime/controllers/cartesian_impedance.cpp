@@ -18,6 +18,9 @@ using Matrix76 = Eigen::Matrix<double, 7, 6>;
 // What EE's mobility J M^-1 J^T (1/kg, 1/(kg m²)) never falls below: near a singularity the arm would
 // weigh more in that direction than any arm does.
 constexpr double kLeastMobility = 1e-3;
+// 1/kg (1/(kg m²)), what EE's mobilities sum to in series: 0.055 at home, 0.044 folded, 0.033 with the elbow bent by 1 rad, 0.008
+// by 0.67. From the first on the joints are held in what hardly moves EE; the second is what then counts as hardly.
+constexpr double kNearlySingular = 0.02, kHardly = 0.05;
 // 1/s: no mode is damped faster, as torque comes a cycle late.
 constexpr double kFastestDamping = 400;
 // Cycles after which the modes are found anew.
@@ -79,7 +82,7 @@ struct CartesianImpedance::Dynamics {
 
   explicit Dynamics(const Cycle& cycle)
       : M_inv_Jt(Cholesky<7>(cycle.model.mass()).solve<6>(cycle.model.jacobian().transpose())),
-        mobility(matrix(cycle)),
+        mobility(matrix(cycle, kLeastMobility)),
         v(cycle.model.jacobian() * cycle.dq) {}
 
   // Finds n from a column of I - M^-1 J^T Lambda J = n n^T M / (n^T M n), whose diagonal sums to 1. The joint whose column
@@ -97,10 +100,22 @@ struct CartesianImpedance::Dynamics {
 
   Vector6 Lambda(const Vector6& a) const { return mobility.solve(a); }
 
+  // Of a torque what, next to a singularity, moves joints that hardly move EE: the difference that more regularization makes to
+  // what I - J^T Lambda J M^-1 leaves of it.
+  Vector7 hardly_moving(const Cycle& cycle, const Vector7& tau) const noexcept {
+    double weight = 0;
+    for (int i = 0; i < 6; ++i) weight += mobility.solve_L(Vector6::Unit(i)).squaredNorm();
+    const double near = 1 - 1 / (kNearlySingular * weight);
+    if (!(near > 0)) return Vector7::Zero();
+    const Cholesky<6> more(matrix(cycle, kLeastMobility + kHardly * near * near));
+    const Vector6 a = M_inv_Jt.transpose() * tau;
+    return cycle.model.jacobian().transpose() * (mobility.solve(a) - more.solve(a));
+  }
+
  private:
-  Matrix6 matrix(const Cycle& cycle) const noexcept {
+  Matrix6 matrix(const Cycle& cycle, double least) const noexcept {
     Matrix6 W = cycle.model.jacobian().lazyProduct(M_inv_Jt);
-    W.diagonal().array() += kLeastMobility;
+    W.diagonal().array() += least;
     return W;
   }
 };
@@ -236,8 +251,19 @@ void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Ve
   const double pull = nullspace_stiffness_ * arm.n.dot(cycle.q_ref + posture_shift_ - cycle.q) -
                       nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
   tau_J_d.noalias() = cycle.model.jacobian().transpose() * force;
-  tau_J_d += cycle.model.coriolis() + ahead(cycle, arm, pose) + pull / arm.n_M_n * arm.M_n;
+  tau_J_d += cycle.model.coriolis() + ahead(cycle, arm, pose) + pull / arm.n_M_n * arm.M_n +
+             arm.hardly_moving(cycle, to_posture(cycle));
   asked_ = tau_J_d;
+}
+
+// Each joint by itself, N m.
+Vector7 CartesianImpedance::to_posture(const Cycle& cycle) const noexcept {
+  if (nullspace_stiffness_ == 0) return Vector7::Zero();
+  Vector7 tau = nullspace_stiffness_ * (cycle.q_ref + posture_shift_ - cycle.q);
+  for (int i = 0; i < models::kJoints; ++i) {
+    tau[i] += nullspace_damping(nullspace_stiffness_, cycle.model.mass()(i, i)) * (cycle.dq_ref[i] - cycle.dq[i]);
+  }
+  return tau;
 }
 
 void CartesianImpedance::integrate(const Cycle& cycle, const Vector6& spring) noexcept {

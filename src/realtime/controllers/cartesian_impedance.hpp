@@ -20,10 +20,11 @@ namespace realtime {
 // Lambda, D, K has the damping ratio (less where the delay of the loop does not allow it). tau_null holds
 // the motion of the elbow that leaves EE at rest to the joints that the reference means (Cycle::q_ref), critically damped, and
 // does not accelerate EE; at the start to where the torque goes on as it was, and from there to these. So the elbow does not
-// creep over a sequence of skills. The modes change slowly and are found anew every few cycles. Lambda counts the links
-// alone, as damping has to be safe with whatever the motors add: their inertia B makes the arm less damped than asked. It is met
-// ahead with the reference's acceleration, and friction with its velocity (Cycle::dq_ref): who pushes the arm feels none of it. A
-// topic sets the stiffness anew while it runs (CartesianImpedanceSensorMessage).
+// creep over a sequence of skills. Next to a singularity, where e has little power over them, tau_null also holds the joints in
+// what hardly moves EE, or they would swing past it and come back another way. The modes change slowly and are found anew every
+// few cycles. Lambda counts the links alone, as damping has to be safe with whatever the motors add: their inertia B makes the arm
+// less damped than asked. It is met ahead with the reference's acceleration, and friction with its velocity (Cycle::dq_ref): who
+// pushes the arm feels none of it. A topic sets the stiffness anew while it runs (CartesianImpedanceSensorMessage).
 //
 // i is the sum of r K e dt along and about each axis of the stiffness, bounded: it takes away what friction and a load that the
 // robot does not know leave of e. With it a mode of damping d, x'' + d x' + w² x + r w² (the sum of x dt) = 0, is stable if and
@@ -74,6 +75,7 @@ class CartesianImpedance : public Controller {
   Vector6 other_force(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference) const noexcept;
 
   Vector7 ahead(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference) const noexcept;
+  Vector7 to_posture(const Cycle& cycle) const noexcept;
   void integrate(const Cycle& cycle, const Vector6& spring) noexcept;
 
   GainStream<6> stiffness_;
