@@ -1,4 +1,4 @@
-"""Cycles that get no command between skills, seen from the wire: a relay between server and simulated arm counts.
+"""Cycles that get no command between skills, seen from the wire.
 
   gap_same_cycles              at most, from skill to skill on one robot controller, and inside of skills
   gap_switch_cycles            at most, from one robot controller to another: all ordered pairs of the nine, three times,
@@ -30,8 +30,9 @@ from frankapy.sim import program
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests" / "interop"))
+import wire_limits  # noqa: E402
 from peer import environment, simulated_arm  # noqa: E402
-from wire_tap import WireTap  # noqa: E402
+from wire_record import WireRecord  # noqa: E402
 
 ROUNDS = 3
 HOLD = 600  # s, so that no motion ends by itself
@@ -65,10 +66,22 @@ for i in range(20):
 
 
 @contextlib.contextmanager
-def arm_and_tap(lockstep: bool) -> Iterator[WireTap]:
+def arm(lockstep: bool) -> Iterator[tuple[str, WireRecord]]:
     # In lockstep time between motions is the wall's: slow enough for whatever this computer does besides.
-    with simulated_arm(program("fci-sim"), "--ideal", *["--lockstep", "--speed", "0.1"] * lockstep) as address:
-        yield WireTap(address)
+    how = ["--lockstep", "--speed", "0.1"] if lockstep else []
+    with (
+        WireRecord() as wire,
+        simulated_arm(program("fci-sim"), "--ideal", "--wire", str(wire.path), *how) as address,
+    ):
+        yield address, wire
+
+
+def gaps(wire: WireRecord) -> tuple[np.ndarray, np.ndarray]:
+    """Return cycles without a command: from command to command of a motion, and from motion to motion."""
+    commands = wire_limits.parsed("RobotCommand", wire_limits.FLOAT_STATES, wire.recorded()[0])
+    finished = (commands["motion_generation_finished"] | commands["torque_command_finished"]).astype(bool)
+    missing = np.diff(commands["message_id"].astype(int)) - 1
+    return missing[~finished[:-1]], missing[finished[:-1] & ~finished[1:]]
 
 
 @contextlib.contextmanager
@@ -109,19 +122,19 @@ def switch(fa: FrankaArm, names: list[str]) -> None:
 
 def ours(lockstep: bool) -> tuple[np.ndarray, np.ndarray]:
     walk = every_pair()
-    with arm_and_tap(lockstep) as tap, server(tap.address) as where, FrankaArm(server=where, with_gripper=False) as fa:
+    with arm(lockstep) as (address, wire), server(address) as where, FrankaArm(server=where, with_gripper=False) as fa:
         fa.run(MinJerkJoint(FrankaConstants.HOME_JOINTS, 1))
         fa.run(RelativeMinJerkJoint(np.zeros(7), 0.1), KINDS[walk[0]][1], robot_controller=walk[0])
         for _ in range(ROUNDS):
             switch(fa, walk[1:])
-        return tap.gaps()
+        return gaps(wire)
 
 
 def libfranka() -> np.ndarray:
     python = environment("pylibfranka", "0.21.3")
-    with arm_and_tap(lockstep=True) as tap:
-        subprocess.run([python, "-c", LIBFRANKA, tap.address], check=True)
-        return tap.gaps()[1]
+    with arm(lockstep=True) as (address, wire):
+        subprocess.run([python, "-c", LIBFRANKA, address], check=True)
+        return gaps(wire)[1]
 
 
 def main() -> None:

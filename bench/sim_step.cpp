@@ -63,7 +63,7 @@ int main() {
   sim::World world({.arm = &arm, .more_arms = {}, .scene = REPOSITORY_DIR "/sim/scenes/table_with_blocks.xml"});
   sim::Robot robot(arm);
   sim::Gripper gripper;
-  auto server = std::make_unique<sim::RobotServer>(arm, sim::parse_address(address), std::nullopt, robot, poller);
+  auto server = std::make_unique<sim::RobotServer>(arm, sim::parse_address(address), std::nullopt, "", robot, poller);
   robot.sense(world.truth());
   gripper.move({.width = 0, .speed = 0.1});
   std::thread client(command, address);

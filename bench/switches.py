@@ -37,7 +37,7 @@ sys.path[:0] = [str(REPOSITORY / "tests" / "safety"), str(REPOSITORY / "tests" /
 import scenario  # noqa: E402
 from judge import Violation  # noqa: E402
 from play import Outcome, Player  # noqa: E402
-from tapped_server import tapped_server  # noqa: E402
+from recorded_server import recorded_server  # noqa: E402
 
 SKILLS = 10_000
 EVENTS = 4  # of a batch; each has some ten skills
@@ -58,12 +58,12 @@ def run(robot: str, server: str | Path, batches: Iterable[int], skills: int | No
 
     with contextlib.ExitStack() as opened:
         log = subprocess.DEVNULL if keep is None else opened.enter_context((keep / f"{robot}.log").open("w"))
-        tapped = opened.enter_context(tapped_server(robot, server, settings=FLOOR, log=log))
+        recorded = opened.enter_context(recorded_server(robot, server, settings=FLOOR, log=log))
         bar = opened.enter_context(tqdm(total=skills, unit="skill", desc=robot))
         for seed in batches:
             outcome = Outcome()
             try:
-                Player(tapped, scenario.switches(seed, robot, EVENTS), outcome, hung, keep).play()
+                Player(recorded, scenario.switches(seed, robot, EVENTS), outcome, hung, keep).play()
             except FrankaArmException as error:
                 outcome.violations.append(Violation("hung", " ".join(str(error).split())))
             total.skills += outcome.skills

@@ -25,7 +25,8 @@ World::Options world_options(const Cell::Options& options) {
 
 Cell::Station::Station(const Options& options, std::size_t index, Poller& poller)
     : robot(*options.arms[index].model, options.ideal, options.seed + index),
-      robot_server(*options.arms[index].model, options.arms[index].address, options.version, robot, poller),
+      robot_server(*options.arms[index].model, options.arms[index].address, options.version,
+                   options.arms[index].wire, robot, poller),
       gripper_server(options.arms[index].address, gripper, poller) {}
 
 Cell::Cell(const Options& options, Clock& clock)

@@ -19,7 +19,8 @@ class Cell {
   struct Arm {
     const models::Arm* model;
     in_addr address;
-    std::string truth;  // file; empty: none
+    std::string truth;      // file; empty: none
+    std::string wire = {};  // likewise
   };
   enum class Time { kRuns, kBetweenMotionsPaused, kPaused };
   struct Options {

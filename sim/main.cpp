@@ -27,7 +27,7 @@ struct Options {
   std::string listen = "127.0.0.1";
   std::string protocol = "auto";
   std::string scene;
-  std::string truth;
+  std::string truth, wire;
   std::string pause = "never";
   double speed = 1;
   double patience = 0.25;
@@ -42,8 +42,8 @@ in_addr address_of(in_addr first, std::size_t n) {
   return {htonl(ntohl(first.s_addr) + static_cast<std::uint32_t>(n))};
 }
 
-// truth.npy, truth.2.npy, truth.3.npy
-std::string truth_of(const std::string& first, std::size_t n) {
+// run.npy, run.2.npy, run.3.npy
+std::string file_of(const std::string& first, std::size_t n) {
   if (first.empty() || n == 0) return first;
   const std::filesystem::path path(first);
   std::filesystem::path name = path.stem();
@@ -80,7 +80,8 @@ std::vector<sim::Cell::Options> cells(const Options& options) {
     }
     cells.back().arms.push_back({.model = &models::arm(options.robots[i % options.robots.size()]),
                                  .address = address_of(first, i),
-                                 .truth = truth_of(options.truth, i)});
+                                 .truth = file_of(options.truth, i),
+                                 .wire = file_of(options.wire, i)});
   }
   return cells;
 }
@@ -168,6 +169,8 @@ int main(int argc, char** argv) {
   app.add_option("--scene", options.scene, "what stands around the arm: a name of sim/scenes, or an MJCF file");
   app.add_option("--truth", options.truth,
                  "NumPy file to write what really happened to, every cycle; FILE.npy, FILE.2.npy ... of several arms");
+  app.add_option("--wire", options.wire,
+                 "pcap file (Wireshark, tcpdump) to write all states and commands to; FILE.pcap, FILE.2.pcap ... of several arms");
   app.add_option("--pause", options.pause, "let the world stand still from the start, except while an arm does something")
       ->check(CLI::IsMember({"never", "between-motions"}))
       ->capture_default_str();

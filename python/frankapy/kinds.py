@@ -39,7 +39,7 @@ class Kind:
     name: str
     fields: dict[str, str]  # unit, size, range and default of each
     fits: dict[str, list[str]]  # controllers for a trajectory, trajectories for others, each with its robot controllers
-    loaded: bool = False  # from a library, by the server, which alone knows what it fits
+    loaded: bool = False  # from a library, by the server
 
     def __str__(self) -> str:
         """Return name and fields, a line each."""
@@ -59,25 +59,53 @@ class Pose(Protocol):
         """Return the orientation, w, x, y, z."""
 
 
+@dataclass(frozen=True)
+class _Part:
+    role: str
+    descriptor: Descriptor
+    rule: rules_pb2.KindRule | None  # not known of a kind from a library that does not say it
+    loaded: bool
+
+    @property
+    def name(self) -> str:
+        return self.descriptor.full_name if self.loaded else self.descriptor.name
+
+
 def describe(role: str | None = None, loaded: proto.LoadedKinds | None = None) -> list[Kind]:
-    """Return all kinds, or those of a role, and behind them those that a server has loaded."""
-    found = [
-        Kind(each, descriptor.name, {field.name: text_of(field) for field in descriptor.fields}, _fits(each, descriptor))
-        for each, descriptor in kinds(role)
+    """Return all kinds, or those of a role, and behind them those that a server has loaded.
+
+    What one of these fits is as its message says, `option (frankapy.proto.kind)`; where that is missing it is not known.
+    """
+    found = [_Part(each, descriptor, _kind_rule(descriptor.name), False) for each, descriptor in kinds()]
+    found += _loaded_parts(loaded) if loaded else []
+    found.sort(key=lambda part: list(_FILES).index(part.role))
+    return [
+        Kind(
+            part.role,
+            part.name,
+            {field.name: text_of(field, _rule_in_pool(field) if part.loaded else None) for field in part.descriptor.fields},
+            _fits(part, found),
+            part.loaded,
+        )
+        for part in found
+        if role in (None, part.role)
     ]
-    if loaded is None or not loaded.kinds:
-        return found
+
+
+def _loaded_parts(loaded: proto.LoadedKinds) -> list[_Part]:
     # A pool of their own: what the server has loaded need not be what this program has imported under the same name.
     pool = descriptor_pool.DescriptorPool()
     for file in loaded.files:
         for name in file.dependency:
             _add_known(pool, name)
         pool.Add(file)
+    parts = []
     for each in loaded.kinds:
-        if role in (None, each.role):
-            fields = pool.FindMessageTypeByName(each.name).fields
-            found.append(Kind(each.role, each.name, {field.name: text_of(field, _rule_in_pool(field)) for field in fields}, {}, True))
-    return sorted(found, key=lambda kind: list(_FILES).index(kind.role))
+        descriptor = pool.FindMessageTypeByName(each.name)
+        options: Any = descriptor_pb2.MessageOptions.FromString(descriptor.GetOptions().SerializeToString())
+        rule = options.Extensions[rules_pb2.kind] if options.HasExtension(rules_pb2.kind) else None
+        parts.append(_Part(each.role, descriptor, rule, True))
+    return parts
 
 
 def _add_known(pool: descriptor_pool.DescriptorPool, name: str) -> None:
@@ -102,7 +130,12 @@ def robot_controllers(trajectory: str, controller: str) -> list[str]:
 
     A controller's parameters may leave fewer: one that is to exert a force along an axis runs in torque alone.
     """
-    emits, law = _kind_rule(trajectory), _kind_rule(controller)
+    return _together(_kind_rule(trajectory), _kind_rule(controller))
+
+
+def _together(emits: rules_pb2.KindRule | None, law: rules_pb2.KindRule | None) -> list[str]:
+    if emits is None or law is None or len(emits.references) != 1:
+        return []
     if not set(emits.efforts) <= set(law.efforts):
         return []
     (reference,) = emits.references
@@ -139,17 +172,20 @@ def _kind_rule(name: str) -> rules_pb2.KindRule:
     return getattr(proto, name).DESCRIPTOR.GetOptions().Extensions[rules_pb2.kind]
 
 
-def _fits(role: str, descriptor: Descriptor) -> dict[str, list[str]]:
-    if role == "trajectory":
-        found = {other.name: robot_controllers(descriptor.name, other.name) for _, other in kinds("controller")}
-    elif role == "controller":
-        found = {other.name: robot_controllers(other.name, descriptor.name) for _, other in kinds("trajectory")}
-    elif role == "ending":
-        return {other.name: [] for _, other in kinds("termination") if "then" in other.fields_by_name}
+def _fits(part: _Part, parts: list[_Part]) -> dict[str, list[str]]:
+    of_role = {role: [other for other in parts if other.role == role] for role in _FILES}
+    if part.role == "trajectory":
+        found = {other.name: _together(part.rule, other.rule) for other in of_role["controller"]}
+    elif part.role == "controller":
+        found = {other.name: _together(other.rule, part.rule) for other in of_role["trajectory"]}
+    elif part.role == "ending":
+        return {other.name: [] for other in of_role["termination"] if "then" in other.descriptor.fields_by_name}
     else:
-        judges = _kind_rule(descriptor.name).references
+        judges = part.rule.references if part.rule else []
         return {
-            other.name: [] for _, other in kinds("trajectory") if not judges or _kind_rule(other.name).references[0] in judges
+            other.name: []
+            for other in of_role["trajectory"]
+            if part.rule and other.rule and (not judges or set(other.rule.references) <= set(judges))
         }
     return {name: them for name, them in found.items() if them}
 

@@ -26,13 +26,15 @@ constexpr std::int64_t kCycle = 1'000'000;  // ns of the robot's time
 }  // namespace
 
 RobotServer::RobotServer(const models::Arm& arm, const in_addr& address, std::optional<fci::Version> only,
-                         Robot& robot, Poller& poller)
+                         const std::string& wire, Robot& robot, Poller& poller)
     : Port("robot", address, fci::kRobotPort, fci::kHeaderSize, fci::kMaxRequestSize, poller),
       arm_(arm),
       only_(only),
       robot_(robot),
       clock_(poller.clock()),
-      udp_(udp_socket(address, fci::kRobotPort)) {}
+      udp_(udp_socket(address, fci::kRobotPort)) {
+  if (!wire.empty()) wire_.emplace(wire, address);
+}
 
 // --- TCP ------------------------------------------------------------------------------------------------------
 
@@ -63,6 +65,7 @@ bool RobotServer::connect(Connection& newcomer, std::uint32_t id, std::uint16_t 
   sockaddr_in states = newcomer.peer();
   states.sin_port = htons(udp_port);
   ::connect(udp_.fd(), reinterpret_cast<const sockaddr*>(&states), sizeof states);
+  if (wire_) wire_->set_client(states);
   drop_datagrams();
   return true;
 }
@@ -196,6 +199,7 @@ const fci::RobotCommand* RobotServer::receive() {
       if (errno == ECONNREFUSED) continue;  // an earlier state found the client's port closed
       return newest;
     }
+    if (wire_) wire_->received(std::span(datagram).first(std::min<std::size_t>(size, datagram.size())), size);
     if (static_cast<std::size_t>(size) == command_size_) {
       fci::RobotCommand command;
       fci::Reader reader(version_, datagram.data());
@@ -258,7 +262,7 @@ bool RobotServer::held_up(const fci::RobotCommand& command) {
 void RobotServer::send_delayed(std::int64_t now) {
   std::erase_if(delayed_states_, [&](const DelayedState& state) {
     if (state.due > now) return false;
-    ::send(udp_.fd(), state.what.data(), state.what.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+    send(state.what);
     return true;
   });
 }
@@ -290,7 +294,7 @@ void RobotServer::publish(std::int64_t period) {
 void RobotServer::repeat() {
   if (!connected()) return;
   if (sent_.empty()) write_state(sent_);
-  ::send(udp_.fd(), sent_.data(), sent_.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+  send(sent_);
   settle();
 }
 
@@ -302,7 +306,12 @@ void RobotServer::write_state(std::vector<std::byte>& datagram) const {
 
 void RobotServer::send_state() {
   write_state(sent_);
-  ::send(udp_.fd(), sent_.data(), sent_.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+  send(sent_);
+}
+
+void RobotServer::send(std::span<const std::byte> state) {
+  if (wire_) wire_->sent(state);
+  ::send(udp_.fd(), state.data(), state.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
 }
 
 // Answers that the robot's state makes true.

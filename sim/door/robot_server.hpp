@@ -2,6 +2,7 @@
 
 #include "sim/door/network.hpp"
 #include "sim/door/port.hpp"
+#include "sim/door/wire_file.hpp"
 #include "sim/robot/robot.hpp"
 #include "wire/fci/service.hpp"
 
@@ -10,10 +11,10 @@ namespace sim {
 // The robot's port: requests over TCP, states and commands over UDP.
 class RobotServer : public Port {
  public:
-  // `only`: the version of that system; empty: any that systems of this arm spoke. Throws std::runtime_error when the port cannot
-  // be had.
-  RobotServer(const models::Arm& arm, const in_addr& address, std::optional<fci::Version> only, Robot& robot,
-              Poller& poller);
+  // `only`: the version of that system; empty: any that systems of this arm spoke. `wire`: a file for what passes; empty: none.
+  // Throws std::runtime_error when the port or the file cannot be had.
+  RobotServer(const models::Arm& arm, const in_addr& address, std::optional<fci::Version> only, const std::string& wire,
+              Robot& robot, Poller& poller);
 
   // The command for the robot's last state, if it is there; nullptr otherwise. Valid until the next call.
   const fci::RobotCommand* receive();
@@ -65,6 +66,7 @@ class RobotServer : public Port {
   void require_settled(const char* wish) const;
   void drop_datagrams();
   void write_state(std::vector<std::byte>& datagram) const;
+  void send(std::span<const std::byte> state);
   void send_state();
   void settle();
 
@@ -73,6 +75,7 @@ class RobotServer : public Port {
   Robot& robot_;
   Clock& clock_;
   File udp_;
+  std::optional<WireFile> wire_;
   // Of the client.
   fci::Version version_ = fci::kNewestVersion;
   std::size_t state_size_ = 0, command_size_ = 0;         // bytes

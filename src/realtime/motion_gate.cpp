@@ -73,7 +73,7 @@ void MotionGate::observe(const Reference& reference, const Vector7& gravity, con
     joints_ = model_.joints_of_pose(*q_d);
   } else {
     if (pose_joints_.joints().q != joints_.q) pose_joints_.place(joints_.q);
-    pose_joints_.step(reference.cartesian, kTick);
+    pose_joints_.follow(reference.cartesian, kTick);
     if (pose_joints_.prefers() && !elbow_is_clear(pose_joints_.joints().q)) pose_joints_.leave_elbow();
     joints_ = pose_joints_.joints();
   }

@@ -31,10 +31,20 @@ void PoseJoints::place(const Vector7& q) noexcept {
 }
 
 void PoseJoints::step(const CartesianReference& pose, double dt) noexcept {
+  joints_ = model_.joints_of_pose(joints_.q);
+  joints_.q += joints_.dq_dP * change_between(at(joints_.O_T_EE), pose);
+  move_elbow(dt);
+}
+
+void PoseJoints::follow(const CartesianReference& pose, double dt) noexcept {
   joints_ = model_.joints_of_pose(joints_.q, left_.norm());
   if (pose_) left_ = change_between(at(joints_.O_T_EE), *pose_);
   pose_ = pose;
   joints_.q += before_singularity(joints_.dq_dP * change_between(at(joints_.O_T_EE), pose), pose);
+  move_elbow(dt);
+}
+
+void PoseJoints::move_elbow(double dt) noexcept {
   elbow_ = dt * elbow_speed() * joints_.null_motion;
   joints_.q += elbow_;
 }

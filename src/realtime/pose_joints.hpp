@@ -23,11 +23,14 @@ class PoseJoints {
 
   // One step towards the pose, in dt seconds of the elbow's time. Damped next to singularities, where the pose is then not met.
   void step(const CartesianReference& pose, double dt) noexcept;
+  // The same, cycle by cycle, of poses that may be out of reach: slower where much is left to them, and not past a singular posture
+  // for a pose that is not met there, from where they could come back another way.
+  void follow(const CartesianReference& pose, double dt) noexcept;
   // Takes back by what the last step has moved the elbow.
   void leave_elbow() noexcept;
 
-  // What was left to the pose of the step before the last one when that was made: m and a rotation vector (rad), axes of O. Next to
-  // nothing, unless no joints reach it.
+  // What follow() had left to the pose of the step before the last one when that was made: m and a rotation vector (rad), axes of O.
+  // Next to nothing, unless no joints reach it.
   const Vector6& left() const noexcept { return left_; }
 
   // Where they are, with the map that led there.
@@ -35,6 +38,7 @@ class PoseJoints {
 
  private:
   double elbow_speed() const noexcept;
+  void move_elbow(double dt) noexcept;
   Vector7 before_singularity(const Vector7& step, const CartesianReference& pose) noexcept;
 
   Model& model_;

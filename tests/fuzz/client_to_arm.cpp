@@ -68,7 +68,7 @@ class Arm {
       const auto part = [&] { return std::to_string(random() % 250 + 2); };
       address_ = "127." + part() + "." + part() + "." + part();
       try {
-        robot_server_ = std::make_unique<sim::RobotServer>(model_, sim::parse_address(address_), std::nullopt, robot_,
+        robot_server_ = std::make_unique<sim::RobotServer>(model_, sim::parse_address(address_), std::nullopt, "", robot_,
                                                            poller_);
         gripper_server_ = std::make_unique<sim::GripperServer>(sim::parse_address(address_), gripper_, poller_);
         break;

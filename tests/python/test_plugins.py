@@ -402,6 +402,10 @@ def test_what_the_server_has_loaded_is_listed_and_marked(tutorial_arm, capsys):
         assert kinds["lqr.Lqr"].fields["q_error"].startswith("7 numbers, rad")
         assert kinds["spiral_search.SpiralSearch"].fields["duration"].startswith("s, ")
         assert {kind.name for kind in fa.kinds("trajectory") if kind.loaded} == {"spiral_search.SpiralSearch"}
+        motions = ["torque_and_cartesian_pose", "torque_and_cartesian_velocity"]
+        assert kinds["spiral_search.SpiralSearch"].fits["lqr.Lqr"] == motions == kinds["lqr.Lqr"].fits["MinJerkPose"]
+        assert kinds["MinJerkJoint"].fits["lqr.Lqr"] == kinds["MinJerkJoint"].fits["JointImpedance"]
+        assert "InternalImpedance" in kinds["spiral_search.SpiralSearch"].fits
         assert {kind.name for kind in FrankaArm(offline=True).kinds()} == {name for name, kind in kinds.items() if not kind.loaded}
     assert cli.main(["kinds", "controller", "--server", tutorial_arm.server]) == 0
     listed = capsys.readouterr().out

@@ -39,8 +39,9 @@ TEST_P(PoseOutOfReach, is_gone_to_as_far_as_joints_reach_and_left_again) {
   gate.place(home);
   gate.reset(reference);
   Vector7 q = home;
-  const auto go = [&](const Reference& wanted, int cycles) {
-    for (int k = 0; k < cycles; ++k) {
+  const auto go = [&](const Reference& wanted, int most) {
+    for (int k = 0; k < most; ++k) {
+      if ((reference.cartesian.position - wanted.cartesian.position).norm() < 1e-4) return;
       gate.observe(reference, Vector7::Zero(), nullptr);
       const Vector7 step = gate.joints().q - q;
       for (int i = 0; i < models::kJoints; ++i) {
@@ -52,12 +53,12 @@ TEST_P(PoseOutOfReach, is_gone_to_as_far_as_joints_reach_and_left_again) {
       if (HasFailure()) return;
     }
   };
-  for (int n = 0; n < 3; ++n) {
-    go(out, 15000);
+  for (int n = 0; n < 2; ++n) {
+    go(out, 15'000);
     const double farthest = (reference.cartesian.position - back.cartesian.position).norm();
     EXPECT_GT(farthest, 0.15) << n;
     EXPECT_LT((model.O_T_EE(q).translation() - reference.cartesian.position).norm(), 0.04) << n;
-    go(back, 15000);
+    go(back, 60'000);  // from the end of its reach it leaves slowly
     EXPECT_LT((reference.cartesian.position - back.cartesian.position).norm(), 1e-3) << n;
     EXPECT_LT((model.O_T_EE(q).translation() - back.cartesian.position).norm(), 2e-3) << n;
   }

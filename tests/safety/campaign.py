@@ -37,7 +37,7 @@ BENCH = REPOSITORY / "build" / "bench.json"
 FOUND = REPOSITORY / "build" / "safety"  # what is left of runs with violations
 LONGEST = 1800  # s of the wall, for a run
 SHRINKING = 1200  # s of the wall, for making one shorter
-WORKERS = max((os.cpu_count() or 2) // 2, 1)  # an arm and its loop take turns, and a tap passes on between them
+WORKERS = os.cpu_count() or 2  # an arm and its loop take turns
 # What every change has to pass: seeds, one for each model, and which of their events.
 GATE = {44: (0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 12, 17), 49: (0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 14)}
 _FORK = multiprocessing.get_context("fork")

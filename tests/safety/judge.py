@@ -150,11 +150,14 @@ def gap(wall: proto.Wall, capsule: Capsule, at: np.ndarray) -> np.ndarray:
     # From the middle no point of it is farther away than half of its length.
     out = distance(wall, a + way / 2) - np.linalg.norm(capsule.b - capsule.a) / 2 - capsule.radius
     near = out < NEAR
+    if not near.any():
+        return out
     a, way = a[near], way[near]
     low, high = np.zeros(len(a)), np.ones(len(a))
     for _ in range(SEARCHES):  # the distance is convex along a segment
         left, right = low + (high - low) / 3, high - (high - low) / 3
-        further = distance(wall, a + left[:, None] * way) > distance(wall, a + right[:, None] * way)
+        of_left, of_right = np.split(distance(wall, np.concatenate([a + left[:, None] * way, a + right[:, None] * way])), 2)
+        further = of_left > of_right
         low, high = np.where(further, left, low), np.where(further, high, right)
     out[near] = distance(wall, a + ((low + high) / 2)[:, None] * way) - capsule.radius
     return out

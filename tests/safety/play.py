@@ -30,8 +30,8 @@ from judge import (
     wire_limits,
 )
 from errors import error_names
+from recorded_server import RecordedServer, recorded_server
 from scenario import Event, Scenario
-from tapped_server import TappedServer, tapped_server
 
 from frankapy import FrankaArm, FrankaArmBusyException, FrankaArmCommException, FrankaArmException, RigidTransform, channel, proto
 from frankapy.parts import MinJerkJoint, RelativeMinJerkJoint
@@ -95,16 +95,16 @@ class Player:
 
     def __init__(
         self,
-        tapped: TappedServer,
+        recorded: RecordedServer,
         scenario: Scenario,
         outcome: Outcome,
         hung: Callable[[Outcome], None],
         keep: Path | None = None,  # folder for what passed before a command was beyond a limit, or the robot reported an error
     ) -> None:
-        self._tapped, self._scenario, self._outcome = tapped, scenario, outcome
+        self._recorded, self._scenario, self._outcome = recorded, scenario, outcome
         self._limits = wire_limits.LIMITS[scenario.robot]
         self._errors = error_names()
-        self._control = ControlChannel(tapped.arm)
+        self._control = ControlChannel(recorded.arm)
         self._hung, self._keep = hung, keep
         self.standing: list[Standing] = []
         self.skills: list[int] = []  # that the server's process, as it is now, has started
@@ -283,7 +283,7 @@ class Player:
     def _client_is_killed(self, draw: Draw) -> None:
         self._fa.close()
         delta = [draw.uniform(-0.2, 0.2) for _ in range(7)]
-        command = [sys.executable, "-c", VICTIM, self._tapped.server, json.dumps(delta)]
+        command = [sys.executable, "-c", VICTIM, self._recorded.server, json.dumps(delta)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as victim:
             assert victim.stdout is not None
             victim.stdout.readline()
@@ -312,7 +312,7 @@ class Player:
         self._run(draw.skill())
         self._pass(draw.uniform(0, 0.4))
         how = draw.one([signal.SIGKILL, signal.SIGSEGV, signal.SIGSTOP])
-        supervisor = self._tapped.process.pid
+        supervisor = self._recorded.process.pid
         (child,) = map(int, Path(f"/proc/{supervisor}/task/{supervisor}/children").read_text().split())
         os.kill(child, how)
         self._say(how.name)
@@ -339,7 +339,7 @@ class Player:
     # --- what events are made of ---
 
     def _connect(self) -> None:
-        self._fa, self._other = (FrankaArm(server=self._tapped.server, with_gripper=False) for _ in range(2))
+        self._fa, self._other = (FrankaArm(server=self._recorded.server, with_gripper=False) for _ in range(2))
         for client in (self._fa, self._other):
             client.recovery = 1000  # times in a row: nobody is there to be asked
 
@@ -419,7 +419,7 @@ class Player:
             self._judge_commands(judged)
 
     def _judge_commands(self, judged: bool = True) -> None:
-        commands, states = self._tapped.tap.recorded()
+        commands, states = self._recorded.wire.recorded()
         if not states:
             return
         version = wire_limits.FLOAT_STATES if len(states[0]) < 2000 else 5
@@ -502,16 +502,16 @@ def play(scenario: Scenario, server: str | Path, record: str, folder: Path, repo
     try:
         with (
             (folder / "server.log").open("w") as log,
-            tapped_server(
+            recorded_server(
                 scenario.robot,
                 server,
                 arm_options,
                 f"hold_time = {scenario.hold_time}\n{SETTINGS}",
                 ["--record", record, "--recordings", str(folder)],
                 log,
-            ) as tapped,
+            ) as recorded,
         ):
-            player = Player(tapped, scenario, outcome, hung)
+            player = Player(recorded, scenario, outcome, hung)
             player.play()
     except Exception as error:  # noqa: BLE001
         outcome.violations.append(Violation("hung", f"{error!r}"[:400]))

@@ -59,7 +59,8 @@ class DrivenArm {
 
  private:
   sim::Cell::Options with_arm(sim::Cell::Options options, const std::string& robot, const std::string& truth) const {
-    options.arms = {{&models::arm(robot), sim::parse_address(address_), truth}};
+    const std::string wire = options.arms.empty() ? "" : options.arms.front().wire;
+    options.arms = {{&models::arm(robot), sim::parse_address(address_), truth, wire}};
     return options;
   }
   // This process's own UDP socket at the robot's port.

@@ -1,4 +1,4 @@
-"""A simulated arm in lockstep and a server, with a recording tap between them."""
+"""A simulated arm in lockstep and a server, and all that passes between them."""
 
 import contextlib
 import dataclasses
@@ -10,40 +10,42 @@ from typing import IO
 
 from frankapy.sim import program
 from peer import simulated_arm
-from wire_tap import WireTap
+from wire_record import WireRecord
 
 
 @dataclasses.dataclass
-class TappedServer:
+class RecordedServer:
     """What was started."""
 
     arm: str  # address of the arm itself, and of its control channel
-    tap: WireTap
+    wire: WireRecord
     server: str  # host:port
     process: subprocess.Popen  # the server's supervisor
 
 
 @contextlib.contextmanager
-def tapped_server(
+def recorded_server(
     robot: str,
     server: str | Path,
     arm_options: Sequence[str] = ("--ideal",),
     settings: str = "",
     server_options: Sequence[str] = (),
     log: IO[str] | int = subprocess.DEVNULL,
-) -> Iterator[TappedServer]:
+) -> Iterator[RecordedServer]:
     """Start them; `settings` are lines of the arm's table in the server's file, `log` takes what the server says."""
     with (
-        simulated_arm(program("fci-sim"), "--lockstep", "--patience", "2", "--robot", robot, *arm_options) as address,
+        WireRecord() as wire,
+        simulated_arm(
+            program("fci-sim"), "--lockstep", "--patience", "2", "--robot", robot, "--wire", str(wire.path), *arm_options
+        ) as address,
         tempfile.TemporaryDirectory() as folder,
     ):
-        tap = WireTap(address, record=True)
         config = Path(folder) / "arms.toml"
-        config.write_text(f'[[arm]]\nname = "arm"\naddress = "{tap.address}"\nlockstep = true\n{settings}')
+        config.write_text(f'[[arm]]\nname = "arm"\naddress = "{address}"\nlockstep = true\n{settings}')
         command = [server, "--config", config, "--port", "0", *server_options]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as process:
             try:
                 where = process.stdout.readline().split("tcp://")[1].strip()
-                yield TappedServer(address, tap, where, process)
+                yield RecordedServer(address, wire, where, process)
             finally:
                 process.terminate()
