@@ -286,9 +286,9 @@ class Draw:
 
 
 def is_led(controller: str) -> bool:
-    """Whether under this kind of controller the arm goes where it is pulled, and to no reference; Lqr's weights may leave it so weak."""
+    """Whether under this kind of controller the arm goes where it is pulled, and to no reference."""
     descriptor = next(descriptor for _, descriptor in kinds("controller") if descriptor.name == controller)
-    return controller == "Lqr" or bool(descriptor.GetOptions().Extensions[rules_pb2.kind].law == rules_pb2.KindRule.TORQUE_ALONE)
+    return bool(descriptor.GetOptions().Extensions[rules_pb2.kind].law == rules_pb2.KindRule.TORQUE_ALONE)
 
 
 def _fraction(samples: int) -> np.ndarray:

@@ -90,6 +90,11 @@ class Outcome:
     said: list[str] = dataclasses.field(default_factory=list)  # what happened, event by event
 
 
+def may_drift(controller: str) -> bool:
+    """Whether the arm may go on as it was pushed: led, or by the weights of its law too weak to hold it."""
+    return controller == "Lqr" or is_led(controller)
+
+
 class Player:
     """A run under way."""
 
@@ -186,7 +191,7 @@ class Player:
                 for _ in range(draw.one([1, 2, 3])):
                     self._pass(draw.one([0, draw.uniform(0, 0.1), draw.uniform(0, 0.3)]))
                     change = draw.change(skill, led)
-                    if "controller" in change and is_led(type(change["controller"]).__name__):
+                    if "controller" in change and may_drift(type(change["controller"]).__name__):
                         self._expected |= MET
                     if self._try(lambda change=change: self._fa.change(**change)):
                         self._say(f"changed: {', '.join(change)}")
@@ -357,7 +362,7 @@ class Player:
             self._count(skill)
             ends = ", ".join(type(end).__name__ for end in skill.get("until", ()))
             law = type(skill["controller"]).__name__ if "controller" in skill else "InternalImpedance"
-            if is_led(law):
+            if may_drift(law):
                 self._expected |= MET
             self._say(f"{type(skill['trajectory']).__name__} with {law} in {skill.get('robot_controller', 'auto')} until {ends}")
 
