@@ -204,7 +204,7 @@ def moves_as_told(simulation: Simulation, fa: FrankaArm, *combination: str) -> N
     goal = began.copy()
     goal.translation = began.translation + SHIFT
     stays = trajectory in STAY or is_stream(trajectory)
-    until = Time(0.6) if is_stream(trajectory) else Time(after_trajectory=0.3)
+    until = Time(0.6) if is_stream(trajectory) else Time(after_trajectory=0.5)
     result = fa.run(*parts_of(trajectory, controller, goal), until, robot_controller=robot_controller)
     assert result.ending == proto.TERMINATED, f"{what}: {result.message}"
     assert result.termination == "Time", what
