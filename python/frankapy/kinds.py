@@ -180,13 +180,12 @@ def _fits(part: _Part, parts: list[_Part]) -> dict[str, list[str]]:
         found = {other.name: _together(other.rule, part.rule) for other in of_role["trajectory"]}
     elif part.role == "ending":
         return {other.name: [] for other in of_role["termination"] if "then" in other.descriptor.fields_by_name}
+    elif part.rule is None:
+        return {}
     else:
-        judges = part.rule.references if part.rule else []
-        return {
-            other.name: []
-            for other in of_role["trajectory"]
-            if part.rule and other.rule and (not judges or set(other.rule.references) <= set(judges))
-        }
+        judges = set(part.rule.references) or set(_MOTIONS)
+        known = [(other.name, other.rule) for other in of_role["trajectory"] if other.rule is not None]
+        return {name: [] for name, rule in known if set(rule.references) <= judges}
     return {name: them for name, them in found.items() if them}
 
 

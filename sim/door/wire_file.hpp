@@ -2,7 +2,6 @@
 
 #include <netinet/in.h>
 
-#include <array>
 #include <cstddef>
 #include <span>
 #include <string>

@@ -40,7 +40,8 @@ void PoseJoints::follow(const CartesianReference& pose, double dt) noexcept {
   joints_ = model_.joints_of_pose(joints_.q, left_.norm());
   if (pose_) left_ = change_between(at(joints_.O_T_EE), *pose_);
   pose_ = pose;
-  joints_.q += before_singularity(joints_.dq_dP * change_between(at(joints_.O_T_EE), pose), pose);
+  const Vector6 way = change_between(at(joints_.O_T_EE), pose);
+  joints_.q += before_singularity(joints_.dq_dP * way, pose, way.norm());
   move_elbow(dt);
 }
 
@@ -51,14 +52,13 @@ void PoseJoints::move_elbow(double dt) noexcept {
 
 // Of a step of the joints what does not lead them into a singular posture, or past it, for a pose that they do not reach: from there
 // they could come back another way.
-Vector7 PoseJoints::before_singularity(const Vector7& step, const CartesianReference& pose) noexcept {
+Vector7 PoseJoints::before_singularity(const Vector7& step, const CartesianReference& pose, double way) noexcept {
   const double side = std::copysign(1., joints_.determinant), here = std::abs(joints_.determinant);
   if (here > kNearlySingular) return step;
   const JointsOfPose ahead = model_.joints_of_pose(joints_.q + step);
   const double there = side * ahead.determinant;
   if (there > kLeastDeterminant || there >= here) return step;
-  const double left = change_between(at(ahead.O_T_EE), pose).norm();
-  if (left < kMet * change_between(at(joints_.O_T_EE), pose).norm()) return step;
+  if (change_between(at(ahead.O_T_EE), pose).norm() < kMet * way) return step;
   constexpr double kStep = 1e-4;  // rad
   Vector7 slope;
   for (int i = 0; i < models::kJoints; ++i) {

@@ -39,14 +39,14 @@ class PoseJoints {
  private:
   double elbow_speed() const noexcept;
   void move_elbow(double dt) noexcept;
-  Vector7 before_singularity(const Vector7& step, const CartesianReference& pose) noexcept;
+  Vector7 before_singularity(const Vector7& step, const CartesianReference& pose, double way) noexcept;
 
   Model& model_;
   const models::Limits limits_;
   std::optional<Vector7> posture_;
   JointsOfPose joints_;
   Vector7 elbow_ = Vector7::Zero();         // rad, of the last step
-  std::optional<CartesianReference> pose_;  // of the last step
+  std::optional<CartesianReference> pose_;  // of the last follow()
   Vector6 left_ = Vector6::Zero();
 };
 

@@ -11,7 +11,6 @@ from pathlib import Path
 ROBOT_PORT = 1337
 FILE_HEADER, PACKET_HEADER, IP_HEADER, UDP_HEADER = 24, 16, 20, 8  # bytes, of a pcap file and its packets
 LARGEST_PIPE = 1 << 20  # bytes that a user may have: some 400 cycles
-SET_PIPE_SIZE = getattr(fcntl, "F_SETPIPE_SZ", 1031)
 PERIOD = 0.005  # s, between readings; an arm that would be ahead by more than the pipe holds waits
 
 
@@ -23,7 +22,7 @@ class WireRecord:
         self.path = Path(self._folder.name) / "wire.pcap"
         os.mkfifo(self.path)
         self._pipe = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK)
-        fcntl.fcntl(self._pipe, SET_PIPE_SIZE, LARGEST_PIPE)
+        fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, LARGEST_PIPE)
         self._lock = threading.Lock()
         self._bytes = bytearray()
         self._begins = FILE_HEADER

@@ -100,13 +100,16 @@ struct CartesianImpedance::Dynamics {
 
   Vector6 Lambda(const Vector6& a) const { return mobility.solve(a); }
 
-  // Of a torque what, next to a singularity, moves joints that hardly move EE: the difference that more regularization makes to
-  // what I - J^T Lambda J M^-1 leaves of it.
-  Vector7 hardly_moving(const Cycle& cycle, const Vector7& tau) const noexcept {
+  // Next to a singularity up to 1, elsewhere not above 0.
+  double nearness() const noexcept {
     double weight = 0;
     for (int i = 0; i < 6; ++i) weight += mobility.solve_L(Vector6::Unit(i)).squaredNorm();
-    const double near = 1 - 1 / (kNearlySingular * weight);
-    if (!(near > 0)) return Vector7::Zero();
+    return 1 - 1 / (kNearlySingular * weight);
+  }
+
+  // Of a torque what, so near to a singularity, moves joints that hardly move EE: the difference that more regularization makes to
+  // what I - J^T Lambda J M^-1 leaves of it.
+  Vector7 hardly_moving(const Cycle& cycle, double near, const Vector7& tau) const noexcept {
     const Cholesky<6> more(matrix(cycle, kLeastMobility + kHardly * near * near));
     const Vector6 a = M_inv_Jt.transpose() * tau;
     return cycle.model.jacobian().transpose() * (mobility.solve(a) - more.solve(a));
@@ -248,18 +251,20 @@ void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Ve
   const Vector6 spring = stiffness_.now().cwiseProduct(in_frame(cycle, to_reference(cycle, pose)));
   integrate(cycle, spring);
   const Vector6 force = in_base(cycle, spring + integral_) + other_force(cycle, arm, pose);
-  const double pull = nullspace_stiffness_ * arm.n.dot(cycle.q_ref + posture_shift_ - cycle.q) -
+  const Vector7 way = cycle.q_ref + posture_shift_ - cycle.q;
+  const double pull = nullspace_stiffness_ * arm.n.dot(way) -
                       nullspace_damping(nullspace_stiffness_, arm.n_M_n) * arm.n.dot(cycle.dq);
   tau_J_d.noalias() = cycle.model.jacobian().transpose() * force;
-  tau_J_d += cycle.model.coriolis() + ahead(cycle, arm, pose) + pull / arm.n_M_n * arm.M_n +
-             arm.hardly_moving(cycle, to_posture(cycle));
+  tau_J_d += cycle.model.coriolis() + ahead(cycle, arm, pose) + pull / arm.n_M_n * arm.M_n;
+  if (nullspace_stiffness_ > 0) {
+    if (const double near = arm.nearness(); near > 0) tau_J_d += arm.hardly_moving(cycle, near, along(cycle, way));
+  }
   asked_ = tau_J_d;
 }
 
-// Each joint by itself, N m.
-Vector7 CartesianImpedance::to_posture(const Cycle& cycle) const noexcept {
-  if (nullspace_stiffness_ == 0) return Vector7::Zero();
-  Vector7 tau = nullspace_stiffness_ * (cycle.q_ref + posture_shift_ - cycle.q);
+// Each joint by itself, a way (rad) to the posture; N m.
+Vector7 CartesianImpedance::along(const Cycle& cycle, const Vector7& way) const noexcept {
+  Vector7 tau = nullspace_stiffness_ * way;
   for (int i = 0; i < models::kJoints; ++i) {
     tau[i] += nullspace_damping(nullspace_stiffness_, cycle.model.mass()(i, i)) * (cycle.dq_ref[i] - cycle.dq[i]);
   }

@@ -75,7 +75,7 @@ class CartesianImpedance : public Controller {
   Vector6 other_force(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference) const noexcept;
 
   Vector7 ahead(const Cycle& cycle, const Dynamics& arm, const CartesianReference& reference) const noexcept;
-  Vector7 to_posture(const Cycle& cycle) const noexcept;
+  Vector7 along(const Cycle& cycle, const Vector7& way) const noexcept;
   void integrate(const Cycle& cycle, const Vector6& spring) noexcept;
 
   GainStream<6> stiffness_;
