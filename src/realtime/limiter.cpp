@@ -661,10 +661,11 @@ struct Limiter::Impl : Motion {
       in.current_position[i] = moved[i] - delta[i];
       in.current_velocity[i] = part.velocity[i] - (velocity[i] - dt * acceleration[i]);
       in.current_acceleration[i] = part.acceleration[i] - acceleration[i];
-      in.max_velocity[i] = V_axis;
-      (*in.min_velocity)[i] = -V_axis;
-      in.max_acceleration[i] = A_axis;
-      (*in.min_acceleration)[i] = -A_axis;
+      // One that is ahead may wait.
+      in.max_velocity[i] = V_axis - std::min(velocity[i], 0.);
+      (*in.min_velocity)[i] = -V_axis - std::max(velocity[i], 0.);
+      in.max_acceleration[i] = A_axis - std::min(acceleration[i], 0.);
+      (*in.min_acceleration)[i] = -A_axis - std::max(acceleration[i], 0.);
       in.max_jerk[i] = axis * J;
     }
     if (!part_follow.plan()) return false;

@@ -23,10 +23,9 @@ constexpr double kNoWay = 1e-9;       // m, of the tool
 constexpr double kSlowest = 1e-3;     // rad/s, of a joint that has no way to go
 constexpr double kNoFaster = 1e-4;    // m/s in a cycle, of a tool that is being slowed
 
-constexpr double kLeft = 1e-4;            // m and rad, between a pose and its joints, beyond which it counts
-constexpr double kLeftBehind = 1e-3;      // m and rad, between a pose and its joints, that is no longer rounding
+constexpr double kLeftBehind = 1e-3;        // m and rad, between a pose and its joints, that is no longer rounding
 constexpr double kNearlySingular = 1.1e-3;  // determinant, a little before a pose that moves is stopped
-constexpr double kLookAhead = 1e-3;       // m and rad
+constexpr double kLookAhead = 1e-3;         // rad, of all joints together
 
 constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
 
@@ -80,12 +79,8 @@ void MotionGate::observe(const Reference& reference, const Vector7& gravity, con
   robots_ = q_d != nullptr;
   if (reference.motion == Channels::kPose) {
     // What is left behind damps the joints; how fast they will have to go when the pose comes back to them is another matter.
-    JointsOfPose map = joints_;
-    if (!robots_ && pose_joints_.left().norm() > kLeft) {
-      map = model_.joints_of_pose(joints_.q);
-      joints_.dq_dP = map.dq_dP;
-    }
-    limiter_.joints_follow(map, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)), robots_);
+    if (!robots_) joints_ = model_.joints_of_pose(joints_.q);
+    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)), robots_);
   }
 }
 
@@ -134,17 +129,15 @@ void MotionGate::share_tool_speed(const Reference& wanted) noexcept {
   limiter_.bound(dq);
 }
 
-// Whether a step leads a pose farther from where its joints can be, or what is wanted a robot's joints from next to a singular
+// Whether what is wanted of a pose lies farther out than its joints can be, or leads a robot's joints from next to a singular
 // posture nearer to it: of an arm at rest the limiter does not know where its next step leads.
-bool MotionGate::out_of_reach(const Reference& wanted, const Reference& step) noexcept {
-  if (step.motion != Channels::kPose) return false;
-  if (!robots_) {
-    const Vector6& left = pose_joints_.left();
-    return left.norm() > kLeftBehind && left.dot(change_between(before_.cartesian, step.cartesian)) > 0;
-  }
-  if (std::abs(joints_.determinant) > kNearlySingular || wanted.motion != Channels::kPose || !is_finite(wanted)) return false;
+bool MotionGate::out_of_reach(const Reference& wanted) noexcept {
+  if (before_.motion != Channels::kPose || wanted.motion != Channels::kPose || !is_finite(wanted)) return false;
   const Vector6 way = change_between(before_.cartesian, wanted.cartesian);
-  const Vector7 there = joints_.q + joints_.dq_dP * way * (kLookAhead / std::max(way.norm(), kLookAhead));
+  if (!robots_) return pose_joints_.left().norm() > kLeftBehind && pose_joints_.left().dot(way) > 0;
+  if (std::abs(joints_.determinant) > kNearlySingular) return false;
+  const Vector7 turn = joints_.dq_dP * way;
+  const Vector7 there = joints_.q + turn * (kLookAhead / std::max(turn.norm(), kLookAhead));
   return std::abs(model_.joints_of_pose(there).determinant) < std::abs(joints_.determinant);
 }
 
@@ -192,7 +185,7 @@ bool MotionGate::elbow_is_clear(const Vector7& q) noexcept {
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
   HeldBy held = keep_to_bounds(wanted, reference);
-  if (out_of_reach(wanted, reference)) {
+  if (out_of_reach(wanted)) {
     limiter_.take_back();
     limiter_.brake(kTick, reference);
     held |= HeldBy::kMotionLimits;

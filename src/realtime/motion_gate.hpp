@@ -61,7 +61,7 @@ class MotionGate {
   WallGuard& walls() noexcept { return walls_; }
 
  private:
-  bool out_of_reach(const Reference& wanted, const Reference& step) noexcept;
+  bool out_of_reach(const Reference& wanted) noexcept;
   HeldBy keep_to_bounds(const Reference& wanted, Reference& reference) noexcept;
   HeldBy beyond_bounds(const Reference& reference, double fastest) const noexcept;
   double tool_speed() const noexcept;

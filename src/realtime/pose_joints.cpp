@@ -32,8 +32,8 @@ void PoseJoints::place(const Vector7& q) noexcept {
 
 void PoseJoints::step(const CartesianReference& pose, double dt) noexcept {
   joints_ = model_.joints_of_pose(joints_.q);
-  joints_.q += joints_.dq_dP * change_between(at(joints_.O_T_EE), pose);
-  move_elbow(dt);
+  elbow_ = elbow_step(dt);
+  joints_.q += joints_.dq_dP * change_between(at(joints_.O_T_EE), pose) + elbow_;
 }
 
 void PoseJoints::follow(const CartesianReference& pose, double dt) noexcept {
@@ -41,13 +41,17 @@ void PoseJoints::follow(const CartesianReference& pose, double dt) noexcept {
   if (pose_) left_ = change_between(at(joints_.O_T_EE), *pose_);
   pose_ = pose;
   const Vector6 way = change_between(at(joints_.O_T_EE), pose);
-  joints_.q += before_singularity(joints_.dq_dP * way, pose, way.norm());
-  move_elbow(dt);
+  const Vector7 step = before_singularity(joints_.dq_dP * way, pose, way.norm());
+  elbow_ = elbow_step(dt);
+  if (nearer_singularity(elbow_)) elbow_.setZero();
+  joints_.q += step + elbow_;
 }
 
-void PoseJoints::move_elbow(double dt) noexcept {
-  elbow_ = dt * elbow_speed() * joints_.null_motion;
-  joints_.q += elbow_;
+// Whether a step leads from next to a singular posture nearer to it.
+bool PoseJoints::nearer_singularity(const Vector7& step) noexcept {
+  const double here = joints_.determinant;
+  if (std::abs(here) > kNearlySingular) return false;
+  return std::copysign(1., here) * (model_.joints_of_pose(joints_.q + step).determinant - here) < 0;
 }
 
 // Of a step of the joints what does not lead them into a singular posture, or past it, for a pose that they do not reach: from there
@@ -73,7 +77,7 @@ void PoseJoints::leave_elbow() noexcept {
   elbow_.setZero();
 }
 
-double PoseJoints::elbow_speed() const noexcept {
+Vector7 PoseJoints::elbow_step(double dt) const noexcept {
   const Vector7& n = joints_.null_motion;
   double to_posture = 0, room = 1;
   if (posture_) {
@@ -88,7 +92,7 @@ double PoseJoints::elbow_speed() const noexcept {
     push -= std::copysign(near * near, x) * n[i] / half;
     if (to_posture * n[i] * x > 0) room = std::min(room, 1 - near);
   }
-  return std::clamp(kElbowGain * push + room * to_posture, -kElbowSpeed, kElbowSpeed);
+  return dt * std::clamp(kElbowGain * push + room * to_posture, -kElbowSpeed, kElbowSpeed) * n;
 }
 
 }  // namespace realtime

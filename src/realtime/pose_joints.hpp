@@ -37,8 +37,8 @@ class PoseJoints {
   const JointsOfPose& joints() const noexcept { return joints_; }
 
  private:
-  double elbow_speed() const noexcept;
-  void move_elbow(double dt) noexcept;
+  Vector7 elbow_step(double dt) const noexcept;
+  bool nearer_singularity(const Vector7& step) noexcept;
   Vector7 before_singularity(const Vector7& step, const CartesianReference& pose, double way) noexcept;
 
   Model& model_;

@@ -254,7 +254,7 @@ def held_by_motion_limits(fa):
         (
             StreamJoint("pace", delay=0.2, speed=0.05),
             proto.JointChunk(times=[2, 4], joints=[*HOME, *NEAR]),
-            proto.JointChunk(times=[0.5, 0.6], joints=[*NEAR, *HOME]),
+            proto.JointChunk(times=[5, 5.1], joints=[*NEAR, *HOME]),  # meant for later than the skill may be waited for
         ),
     ],
 )
@@ -271,7 +271,7 @@ def test_what_is_streamed_faster_than_the_limits_is_told(fa, trajectory, slow, f
 
         fa.run(trajectory, InternalImpedance(), SensorSays("over"), block=False)
         publisher.publish(fast)
-        wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING and fa.get_arm_state().skill_time > 2)
+        wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING and fa.get_arm_state().skill_time > 7)
         over.publish(END)
         fa.wait_for_skill()
     assert fa.last_skill_result.held_by == proto.MOTION_LIMITS

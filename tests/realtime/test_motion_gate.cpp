@@ -2,13 +2,62 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+#include <string>
+#include <tuple>
+
 #include "models/arm.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/tick.hpp"
+#include "realtime/trajectories/pose_rates.hpp"
+#include "realtime/trajectories/target_stream.hpp"
 
 namespace {
 
 using namespace realtime;
+
+// The reference of an arm with a (weightless) hand that follows poses, from home; by joints that are ours or, as far as one can know, a robot's.
+struct Following {
+  explicit Following(const models::Arm& arm, bool robots = false)
+      : limits(models::limits(arm, 10)), model(models::urdf(arm, 10)), gate(limits, model), robots(robots) {
+    Eigen::Isometry3d hand = Eigen::Isometry3d::Identity();
+    hand.linear() = Eigen::AngleAxisd(models::hand::kYaw, Vector3::UnitZ()).toRotationMatrix();
+    hand.translation().z() = models::hand::kTcp;
+    model.set_tool(0, Vector3::Zero(), Eigen::Matrix3d::Zero(), hand);
+    model.update(q, Vector7::Zero());
+    reference.motion = Channels::kPose;
+    reference.cartesian = at(model.O_T_EE());
+    home = reference;
+    gate.place(q);
+    gate.reset(reference);
+  }
+
+  // One cycle. The fastest of the joints that it moved, by what it may do.
+  double follow(const Reference& wanted) {
+    const Vector7 before = q;
+    if (robots) {
+      for (int n = 0; n < 3; ++n) {
+        const JointsOfPose joints = model.joints_of_pose(q);
+        q += joints.dq_dP * change_between(at(joints.O_T_EE), reference.cartesian);
+      }
+    }
+    gate.observe(reference, Vector7::Zero(), robots ? &q : nullptr);
+    q = gate.joints().q;
+    model.update(q, Vector7::Zero());
+    gate.follow(wanted, reference);
+    return (q - before).cwiseAbs().cwiseQuotient(kTick * Vector7::Map(limits.dq_max.data())).maxCoeff();
+  }
+
+  // m, from home.
+  Vector3 way() const { return reference.cartesian.position - home.cartesian.position; }
+
+  const models::Limits& limits;
+  Model model;
+  MotionGate gate;
+  bool robots;
+  Vector7 q = Vector7::Map(models::kHome.data());
+  Reference reference, home;
+};
 
 class PoseOutOfReach : public testing::TestWithParam<std::tuple<const char*, Eigen::Vector3d>> {};
 
@@ -24,43 +73,68 @@ INSTANTIATE_TEST_SUITE_P(Arms, PoseOutOfReach,
 // Out as far as it goes, again and again, and home: the joints go along as fast as they may and no faster.
 TEST_P(PoseOutOfReach, is_gone_to_as_far_as_joints_reach_and_left_again) {
   const auto& [name, place] = GetParam();
-  const models::Arm& arm = models::arm(name);
-  const models::Limits& limits = models::limits(arm, 10);
-  Model model(models::urdf(arm, 10));
-  MotionGate gate(limits, model);
-  Reference reference;
-  reference.motion = Channels::kPose;
-  const Vector7 home = Vector7::Map(models::kHome.data());
-  model.update(home, Vector7::Zero());
-  reference.cartesian = at(model.O_T_EE());
-  const Reference back = reference;
-  Reference out = reference;
+  Following arm(models::arm(name));
+  Reference out = arm.home;
   out.cartesian.position = place;
-  gate.place(home);
-  gate.reset(reference);
-  Vector7 q = home;
   const auto go = [&](const Reference& wanted, int most) {
     for (int k = 0; k < most; ++k) {
-      if ((reference.cartesian.position - wanted.cartesian.position).norm() < 1e-4) return;
-      gate.observe(reference, Vector7::Zero(), nullptr);
-      const Vector7 step = gate.joints().q - q;
-      for (int i = 0; i < models::kJoints; ++i) {
-        EXPECT_LT(std::abs(step[i]), 1.5 * limits.dq_max[i] * kTick) << "joint " << i + 1 << ", cycle " << k;
-      }
-      q = gate.joints().q;
-      model.update(q, Vector7::Zero());
-      gate.follow(wanted, reference);
-      if (HasFailure()) return;
+      if ((arm.reference.cartesian.position - wanted.cartesian.position).norm() < 1e-4) return;
+      ASSERT_LT(arm.follow(wanted), 1.5) << k;
     }
   };
   for (int n = 0; n < 2; ++n) {
     go(out, 15'000);
-    const double farthest = (reference.cartesian.position - back.cartesian.position).norm();
-    EXPECT_GT(farthest, 0.15) << n;
-    EXPECT_LT((model.O_T_EE(q).translation() - reference.cartesian.position).norm(), 0.04) << n;
-    go(back, 60'000);  // from the end of its reach it leaves slowly
-    EXPECT_LT((reference.cartesian.position - back.cartesian.position).norm(), 1e-3) << n;
-    EXPECT_LT((model.O_T_EE(q).translation() - back.cartesian.position).norm(), 2e-3) << n;
+    EXPECT_GT(arm.way().norm(), 0.15) << n;
+    EXPECT_LT((arm.model.O_T_EE(arm.q).translation() - arm.reference.cartesian.position).norm(), 0.04) << n;
+    go(arm.home, 60'000);  // from the end of its reach it leaves slowly
+    EXPECT_LT(arm.way().norm(), 1e-3) << n;
+    EXPECT_LT((arm.model.O_T_EE(arm.q).translation() - arm.home.cartesian.position).norm(), 2e-3) << n;
+  }
+}
+
+// arm, whether the robot makes the joints, and the share of the arm's speed that what is wanted moves with
+class StreamOutOfReach : public testing::TestWithParam<std::tuple<const char*, bool, double>> {};
+
+INSTANTIATE_TEST_SUITE_P(Arms, StreamOutOfReach,
+                         testing::Combine(testing::Values("fer", "fr3"), testing::Bool(), testing::Values(1, 0.1)),
+                         [](const auto& info) {
+                           return std::string(std::get<0>(info.param)) + (std::get<1>(info.param) ? "_robots_" : "_ours_") +
+                                  std::to_string(info.index);
+                         });
+
+// What is wanted goes on out there, and comes back by and by: it is waited for, and not passed where it stops.
+TEST_P(StreamOutOfReach, is_come_back_with_and_not_passed) {
+  const auto& [name, robots, speed] = GetParam();
+  Following arm(models::arm(name), robots);
+  TargetStream<6> stream(0, 0, pose_rates(arm.limits, speed));
+  Vector6 x = Vector6::Zero();
+  x.head<3>() = arm.home.cartesian.position;
+  stream.start({x});
+  double time = 0;
+  const auto send = [&](const Vector3& place) {
+    x.head<3>() = place;
+    stream.add(time, {x, std::numeric_limits<double>::quiet_NaN(), 0, false});
+  };
+  const auto cycle = [&] {
+    time += kTick;
+    const auto point = stream.at(time, time);
+    Reference wanted = arm.home;
+    wanted.cartesian.position = point.x.head<3>();
+    wanted.cartesian.velocity = point.v;
+    wanted.cartesian.acceleration = point.a;
+    arm.follow(wanted);
+  };
+  for (const Vector3& place : {Vector3(1.9, 0, 0.4), Vector3(1.9, 0, 0.4), Vector3(0.4, 0, 1.6), Vector3(0.8, 0, 0.2)}) {
+    send(place);
+    for (int k = 0; k < 6000; ++k) cycle();
+    const Vector3 out = arm.way();
+    EXPECT_GT(out.norm(), 0.15) << place.transpose();
+    send(arm.home.cartesian.position);
+    for (int k = 0; k < 40'000 && arm.way().norm() > 0.01; ++k) {
+      cycle();
+      ASSERT_GT(arm.way().dot(out.normalized()), -0.02) << place.transpose() << ", cycle " << k;
+    }
+    EXPECT_LE(arm.way().norm(), 0.01) << place.transpose();
   }
 }
 
