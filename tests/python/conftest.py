@@ -56,9 +56,15 @@ def patient_clients():
 
 @pytest.fixture(scope="session", autouse=True)
 def programs_end_with_the_tests():
-    """Let whatever a test starts end when the tests are killed."""
+    """Let whatever a test starts end when the tests are killed, and by the signals that tests in the background are started without."""
+
+    def before_start():
+        die_with_parent()
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(subprocess.Popen, "__init__", functools.partialmethod(subprocess.Popen.__init__, preexec_fn=die_with_parent))
+        patch.setattr(subprocess.Popen, "__init__", functools.partialmethod(subprocess.Popen.__init__, preexec_fn=before_start))
         yield
 
 

@@ -303,9 +303,7 @@ def test_a_forked_child_is_told_who_knows_of_the_hand(server, arm):
 
 
 INTERRUPTED = """
-import signal, sys, time
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+import sys, time
 from frankapy import FrankaArm, channel
 channel.SILENCE = 60  # s: a computer may stand still
 arm = FrankaArm(server=sys.argv[1])

@@ -389,7 +389,6 @@ def test_a_rate_is_kept_and_a_timer_calls():
 def test_what_runs_beside_the_main_thread_sees_ctrl_c():
     out = run_script("""
         import os, signal, threading, time
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # which programs in the background are started without
         import rospy
         rospy.init_node("test")
         rospy.on_shutdown(lambda: print("hook", flush=True))

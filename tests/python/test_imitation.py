@@ -530,14 +530,7 @@ def test_an_arm_that_yields_along_axes_of_its_tool(ideal_arm, tmp_path):
 
 def test_ctrl_c_ends_a_demonstration_and_keeps_it(ideal_arm, tmp_path):
     shown = tmp_path / "shown.npz"
-    # Ctrl-C is ignored where the tests run in the background.
-    program = """
-import signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from frankapy import cli
-sys.exit(cli.main())
-"""
-    command = [sys.executable, "-c", program, "demonstrate", str(shown), "--server", ideal_arm.server]
+    command = [sys.executable, "-m", "frankapy.cli", "demonstrate", str(shown), "--server", ideal_arm.server]
     with ideal_arm.client() as reader, subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as lead:
         reader.wait_for(lambda state: state.skill_description == "Demonstration" and state.skill_time > 1, 300)
         lead.send_signal(signal.SIGINT)

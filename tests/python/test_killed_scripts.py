@@ -58,12 +58,11 @@ MOMENTS = {
     """,
 }
 SCRIPT = """
-import itertools, signal, sys
+import itertools, sys
 import numpy as np
 from frankapy import FrankaArm, FrankaConstants as FC, proto
 from frankapy.parts import MinJerkJoint
 
-signal.signal(signal.SIGINT, signal.default_int_handler)  # which programs in the background are started without
 HOME = np.array(FC.HOME_JOINTS)
 told = lambda: print("there", flush=True)
 fa = FrankaArm(server=sys.argv[1])
