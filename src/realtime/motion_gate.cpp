@@ -58,6 +58,11 @@ void MotionGate::reset(const Reference& from) noexcept {
   limiter_.reset(from);
 }
 
+void MotionGate::place(const Vector7& q) noexcept {
+  joints_.q = q;
+  pose_joints_.place(q);  // the tool may be another
+}
+
 void MotionGate::keep_to(const Bounds& bounds) noexcept {
   bounds_ = bounds;
   bounds_.tool_speed = std::min(bounds.tool_speed, robots_tool_speed_);
@@ -78,8 +83,6 @@ void MotionGate::observe(const Reference& reference, const Vector7& gravity, con
   }
   robots_ = q_d != nullptr;
   if (reference.motion == Channels::kPose) {
-    // What is left behind damps the joints; how fast they will have to go when the pose comes back to them is another matter.
-    if (!robots_) joints_ = model_.joints_of_pose(joints_.q);
     limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)), robots_);
   }
 }

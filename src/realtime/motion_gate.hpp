@@ -34,7 +34,7 @@ class MotionGate {
 
   // Continues from here. A pose that does not go on from what was commanded before has its joints where the arm is, q (rad).
   void reset(const Reference& from) noexcept;
-  void place(const Vector7& q) noexcept { joints_.q = q; }
+  void place(const Vector7& q) noexcept;
 
   // The posture that joints which follow a pose here are led near, rad, as far as they meet neither a wall nor the arm itself.
   void prefer(const std::optional<Vector7>& posture) noexcept { pose_joints_.prefer(posture); }

@@ -20,31 +20,33 @@ constexpr double kPostureGain = 1;     // 1/s, of the way that is left
 // Determinants of the Jacobian, 0.037 at home.
 constexpr double kNearlySingular = 5e-3, kLeastDeterminant = 1e-3;
 constexpr double kFlat = 1e-8;  // 1/rad², of the square of its slope
+constexpr double kSlight = 0.3;  // m and rad, by the square of the determinant: so little that is left damps nothing
 constexpr double kMet = 0.02;  // of a way, that may be left of it by a step that leads there
 
 }  // namespace
 
 void PoseJoints::place(const Vector7& q) noexcept {
-  joints_.q = q;
+  joints_ = model_.joints_of_pose(q);
   pose_.reset();
   left_.setZero();
 }
 
 void PoseJoints::step(const CartesianReference& pose, double dt) noexcept {
-  joints_ = model_.joints_of_pose(joints_.q);
   elbow_ = elbow_step(dt);
-  joints_.q += joints_.dq_dP * change_between(at(joints_.O_T_EE), pose) + elbow_;
+  const Vector7 step = joints_.dq_dP * change_between(at(joints_.O_T_EE), pose);
+  joints_ = model_.joints_of_pose(joints_.q + step + elbow_);
 }
 
 void PoseJoints::follow(const CartesianReference& pose, double dt) noexcept {
-  joints_ = model_.joints_of_pose(joints_.q, left_.norm());
   if (pose_) left_ = change_between(at(joints_.O_T_EE), *pose_);
   pose_ = pose;
+  const double left = left_.norm();
+  if (left > kSlight * joints_.determinant * joints_.determinant) joints_ = model_.joints_of_pose(joints_.q, left);
   const Vector6 way = change_between(at(joints_.O_T_EE), pose);
   const Vector7 step = before_singularity(joints_.dq_dP * way, pose, way.norm());
   elbow_ = elbow_step(dt);
   if (nearer_singularity(elbow_)) elbow_.setZero();
-  joints_.q += step + elbow_;
+  joints_ = model_.joints_of_pose(joints_.q + step + elbow_);
 }
 
 // Whether a step leads from next to a singular posture nearer to it.
@@ -73,7 +75,7 @@ Vector7 PoseJoints::before_singularity(const Vector7& step, const CartesianRefer
 }
 
 void PoseJoints::leave_elbow() noexcept {
-  joints_.q -= elbow_;
+  joints_ = model_.joints_of_pose(joints_.q - elbow_);
   elbow_.setZero();
 }
 

@@ -29,11 +29,11 @@ class PoseJoints {
   // Takes back by what the last step has moved the elbow.
   void leave_elbow() noexcept;
 
-  // What follow() had left to the pose of the step before the last one when that was made: m and a rotation vector (rad), axes of O.
-  // Next to nothing, unless no joints reach it.
+  // What the last follow() found left to the pose of the one before: m and a rotation vector (rad), axes of O. Next to nothing,
+  // unless no joints reach it.
   const Vector6& left() const noexcept { return left_; }
 
-  // Where they are, with the map that led there.
+  // Where they are, and how they go on from there.
   const JointsOfPose& joints() const noexcept { return joints_; }
 
  private:
