@@ -19,9 +19,9 @@ constexpr double kPostureGain = 1;     // 1/s, of the way that is left
 
 // Determinants of the Jacobian, 0.037 at home.
 constexpr double kNearlySingular = 5e-3, kLeastDeterminant = 1e-3;
-constexpr double kFlat = 1e-8;  // 1/rad², of the square of its slope
+constexpr double kFlat = 1e-8;   // 1/rad², of the square of its slope
 constexpr double kSlight = 0.3;  // m and rad, by the square of the determinant: so little that is left damps nothing
-constexpr double kMet = 0.02;  // of a way, that may be left of it by a step that leads there
+constexpr double kMet = 0.02;    // of a way, that may be left of it by a step that leads there
 
 }  // namespace
 

@@ -10,6 +10,13 @@
 
 namespace testing_tools {
 
+// EE of an arm with a hand: the tool's centre in the flange frame.
+inline Eigen::Isometry3d F_T_hand() {
+  Eigen::Isometry3d T(Eigen::AngleAxisd(models::hand::kYaw, realtime::Vector3::UnitZ()));
+  T.translation().z() = models::hand::kTcp;
+  return T;
+}
+
 // An arm, without friction unless it rubs, whose gravity is compensated: M ddq + coriolis = tau. A torque takes effect one
 // cycle after its state, and stays for a cycle.
 class SimulatedArm {
@@ -29,10 +36,8 @@ class SimulatedArm {
   }
 
   void set_tool(double mass, const realtime::Vector3& com) {
-    Eigen::Isometry3d F_T_EE(Eigen::AngleAxisd(models::hand::kYaw, realtime::Vector3::UnitZ()));
-    F_T_EE.translation() = realtime::Vector3(0, 0, models::hand::kTcp);
     const Eigen::Matrix3d I = 0.002 * Eigen::Matrix3d::Identity();
-    for (realtime::Model* m : {&plant_, &model}) m->set_tool(mass, com, I, F_T_EE);
+    for (realtime::Model* m : {&plant_, &model}) m->set_tool(mass, com, I, F_T_hand());
     observe();
   }
 

@@ -2,28 +2,25 @@
 
 #include <gtest/gtest.h>
 
-#include <limits>
 #include <string>
 #include <tuple>
 
 #include "models/arm.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/tick.hpp"
-#include "realtime/trajectories/pose_rates.hpp"
-#include "realtime/trajectories/target_stream.hpp"
+#include "realtime/trajectories/stream_pose.hpp"
+#include "tests/realtime/simulated_arm.hpp"
 
 namespace {
 
 using namespace realtime;
 
-// The reference of an arm with a (weightless) hand that follows poses, from home; by joints that are ours or, as far as one can know, a robot's.
+// The reference of an arm with a (weightless) hand that follows poses, from home; by joints that are ours or, as far as one can
+// know, a robot's.
 struct Following {
   explicit Following(const models::Arm& arm, bool robots = false)
       : limits(models::limits(arm, 10)), model(models::urdf(arm, 10)), gate(limits, model), robots(robots) {
-    Eigen::Isometry3d hand = Eigen::Isometry3d::Identity();
-    hand.linear() = Eigen::AngleAxisd(models::hand::kYaw, Vector3::UnitZ()).toRotationMatrix();
-    hand.translation().z() = models::hand::kTcp;
-    model.set_tool(0, Vector3::Zero(), Eigen::Matrix3d::Zero(), hand);
+    model.set_tool(0, Vector3::Zero(), Eigen::Matrix3d::Zero(), testing_tools::F_T_hand());
     model.update(q, Vector7::Zero());
     reference.motion = Channels::kPose;
     reference.cartesian = at(model.O_T_EE());
@@ -106,22 +103,21 @@ INSTANTIATE_TEST_SUITE_P(Arms, StreamOutOfReach,
 TEST_P(StreamOutOfReach, is_come_back_with_and_not_passed) {
   const auto& [name, robots, speed] = GetParam();
   Following arm(models::arm(name), robots);
-  TargetStream<6> stream(0, 0, pose_rates(arm.limits, speed));
-  Vector6 x = Vector6::Zero();
-  x.head<3>() = arm.home.cartesian.position;
-  stream.start({x});
-  double time = 0;
+  StreamPose stream({"pose", 0., 0., speed}, arm.limits);
+  stream.start(arm.home);
+  SensorSample sample;  // a PosePositionSensorMessage
+  const Eigen::Quaterniond& turn = arm.home.cartesian.orientation;
+  Eigen::Vector4d::Map(&sample.values[5]) << turn.w(), turn.x(), turn.y(), turn.z();
   const auto send = [&](const Vector3& place) {
-    x.head<3>() = place;
-    stream.add(time, {x, std::numeric_limits<double>::quiet_NaN(), 0, false});
+    Vector3::Map(&sample.values[2]) = place;
+    stream.sensor_inputs().front()->put(sample);
   };
+  const fci::RobotState state{};
+  Cycle now{.state = state, .model = arm.model};
+  Reference wanted;
   const auto cycle = [&] {
-    time += kTick;
-    const auto point = stream.at(time, time);
-    Reference wanted = arm.home;
-    wanted.cartesian.position = point.x.head<3>();
-    wanted.cartesian.velocity = point.v;
-    wanted.cartesian.acceleration = point.a;
+    now.time += kTick;
+    stream.step(now, now.time, wanted);
     arm.follow(wanted);
   };
   for (const Vector3& place : {Vector3(1.9, 0, 0.4), Vector3(1.9, 0, 0.4), Vector3(0.4, 0, 1.6), Vector3(0.8, 0, 0.2)}) {
