@@ -52,35 +52,22 @@ class Cholesky {
     return x;
   }
 
-  // A^-1 B, column by column.
+  // A^-1 B, all columns side by side.
   template <int Columns>
   Eigen::Matrix<double, N, Columns> solve(const Eigen::Matrix<double, N, Columns>& B) const noexcept {
-    Eigen::Matrix<double, N, Columns> X;
-    for (int i = 0; i < Columns; ++i) X.col(i) = solve_Lt(solve_L(B.col(i)));
+    Eigen::Matrix<double, N, Columns, Columns == 1 ? Eigen::ColMajor : Eigen::RowMajor> X = B;
+    for (int i = 0; i < N; ++i) {
+      for (int k = 0; k < i; ++k) X.row(i) -= L_(i, k) * X.row(k);
+      X.row(i) *= over_[i];
+    }
+    for (int i = N - 1; i >= 0; --i) {
+      for (int k = i + 1; k < N; ++k) X.row(i) -= L_(k, i) * X.row(k);
+      X.row(i) *= over_[i];
+    }
     return X;
   }
 
-  // A^-1 = L^-T L^-1
-  Matrix inverse() const noexcept {
-    Matrix W;  // L^-1, of which only the lower half is set
-    for (int j = 0; j < N; ++j) {
-      W(j, j) = over_[j];
-      for (int i = j + 1; i < N; ++i) {
-        double s = 0;
-        for (int k = j; k < i; ++k) s -= L_(i, k) * W(k, j);
-        W(i, j) = s * over_[i];
-      }
-    }
-    Matrix out;
-    for (int j = 0; j < N; ++j) {
-      for (int i = j; i < N; ++i) {
-        double s = 0;
-        for (int k = i; k < N; ++k) s += W(k, i) * W(k, j);
-        out(i, j) = out(j, i) = s;
-      }
-    }
-    return out;
-  }
+  Matrix inverse() const noexcept { return solve<N>(Matrix::Identity()); }
 
  private:
   Matrix L_ = Matrix::Zero();

@@ -6,7 +6,6 @@
 #include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
 #include <pinocchio/algorithm/model.hpp>
-#include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/parsers/urdf.hpp>
 #include <stdexcept>
 #include <vector>
@@ -17,6 +16,8 @@ namespace realtime {
 namespace {
 
 constexpr int kJoints = 7;
+
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 // The type that Pinocchio's library is compiled for: with any other its templates compile here, for minutes.
 using In = Eigen::Ref<const Eigen::VectorXd>;
@@ -93,7 +94,7 @@ pinocchio::Model reduce(const pinocchio::Model& model) {
 }
 
 // By elimination with pivots, in plain loops as Cholesky.
-double determinant(Eigen::Matrix<double, 6, 6> A) noexcept {
+double determinant(Matrix6 A) noexcept {
   double out = 1;
   for (int j = 0; j < 6; ++j) {
     int pivot = j;
@@ -196,20 +197,26 @@ void Model::update(const Vector7& q, const Vector7& dq) noexcept {
     m.J.col(i).tail<3>() = angular;
   }
 
-  m.c = pinocchio::nonLinearEffects(m.model, m.data, In(m.q), In(m.dq));
+  // Newton and Euler about the origin of O, with what crba() leaves: nonLinearEffects() would begin with the joints again.
+  std::array<Vector6, kJoints> force;
+  pinocchio::Motion v = pinocchio::Motion::Zero(), a = pinocchio::Motion::Zero();
+  for (int i = 0; i < kJoints; ++i) {
+    const pinocchio::Motion of_joint(m.data.J.col(i) * dq[i]);
+    a += v.cross(of_joint);
+    v += of_joint;
+    const pinocchio::Inertia link = m.data.oMi[i + 1].act(m.model.inertias[i + 1]);
+    force[i] = (link * a + v.cross(link * v)).toVector();
+  }
+  Vector6 sum = Vector6::Zero();
+  for (int i = kJoints - 1; i >= 0; --i) {
+    sum += force[i];
+    m.c[i] = m.data.J.col(i).dot(sum);
+  }
 
-  // With ddq = 0 the acceleration of EE is dJ dq. data.a_gf is that of joint 7 in its own axes; as a spatial
-  // acceleration it lacks the turn of the velocity.
-  const Eigen::Matrix3d& R = m.data.oMi[kJoints].rotation();
-  const auto& a = m.data.a_gf[kJoints];
-  const auto& v = m.data.v[kJoints];
-  const Vector3 x = m.J7_T_EE.translation();
-  const Vector3 w = v.angular();
-  const Vector3 dw = a.angular();
-  const Vector3 v_EE = v.linear() + w.cross(x);
-  const Vector3 spatial = a.linear() + dw.cross(x);
-  m.dJ_dq.head<3>() = R * (spatial + w.cross(v_EE));
-  m.dJ_dq.tail<3>() = R * dw;
+  // With ddq = 0 the acceleration of EE is dJ dq; as a spatial one it lacks the turn of the velocity.
+  const Vector3 w = v.angular(), dw = a.angular();
+  m.dJ_dq.head<3>() = a.linear() + dw.cross(p) + w.cross(v.linear() + w.cross(p));
+  m.dJ_dq.tail<3>() = dw;
 }
 
 const Eigen::Isometry3d& Model::O_T_EE() const noexcept { return impl_->O_T_EE; }
@@ -248,7 +255,7 @@ JointsOfPose Model::joints_of_pose(const Vector7& q, double left) noexcept {
   pinocchio::computeJointJacobians(m.model, m.kinematics, In(m.q_kinematics));
   const Eigen::Isometry3d O_T_EE = m.end_effector(m.kinematics.oMi[kJoints]);
   const Vector3 p = O_T_EE.translation();
-  Eigen::Matrix<double, 6, 6> J;
+  Matrix6 J;
   Vector6 elbow;
   for (int i = 0, column = 0; i < kJoints; ++i) {
     const Vector3 angular = m.kinematics.J.col(i).tail<3>();
@@ -261,9 +268,9 @@ JointsOfPose Model::joints_of_pose(const Vector7& q, double left) noexcept {
       J.col(column++) = twist;
     }
   }
-  Eigen::Matrix<double, 6, 6> normal = J.transpose() * J;
+  Matrix6 normal = J.transpose() * J;
   normal.diagonal().array() += kDamping * kDamping + kCurve * left;
-  const Eigen::Matrix<double, 6, 6> inverse = Cholesky<6>(normal).solve<6>(J.transpose());
+  const Matrix6 inverse = Cholesky<6>(normal).solve<6>(J.transpose());
   JointsOfPose out;
   out.q = q;
   out.O_T_EE = O_T_EE;

@@ -406,7 +406,7 @@ SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, int sampl
       joints.step(reference.cartesian, elbow.robots ? 0 : time / steps);  // a robot's elbow stays
       if (sample == 0 && (joints.joints().q - before).norm() < kStill) break;
     }
-    const realtime::JointsOfPose here = model_->joints_of_pose(joints.joints().q);
+    const realtime::JointsOfPose& here = joints.joints();
     check_joints_of_pose(here, reference, kind, 100. * sample / samples);
     way.q.push_back(here.q);
     way.rate.push_back(rate_with_room(reference, here, elbow.robots));

@@ -101,11 +101,7 @@ struct CartesianImpedance::Dynamics {
   Vector6 Lambda(const Vector6& a) const { return mobility.solve(a); }
 
   // Next to a singularity up to 1, elsewhere not above 0.
-  double nearness() const noexcept {
-    double weight = 0;
-    for (int i = 0; i < 6; ++i) weight += mobility.solve_L(Vector6::Unit(i)).squaredNorm();
-    return 1 - 1 / (kNearlySingular * weight);
-  }
+  double nearness() const noexcept { return 1 - 1 / (kNearlySingular * mobility.inverse().trace()); }
 
   // Of a torque what, so near to a singularity, moves joints that hardly move EE: the difference that more regularization makes to
   // what I - J^T Lambda J M^-1 leaves of it.
