@@ -5,7 +5,7 @@
   recording_overhead_p99       of the loop's computing time (p99), recording over not recording, by turns
   log_mb_per_hour, _idle       moving under torque control; the robot holding itself
   recording_read_rate          cycles a second, from a file into NumPy arrays
-  recording_kill_loss_ms       the most that a killed server's recording lacks at its end, of twenty
+  recording_kill_loss_ms       the most that a killed server's recording lacks at its end, of a hundred
 """
 
 import json
@@ -30,7 +30,7 @@ from frankapy.sim import SimulatedArm, Simulation
 HOME = np.array(FrankaConstants.HOME_JOINTS)
 LONG = 600.0  # s
 TURN, TURNS = 15.0, 4  # s, of recording and of not
-KILLS = 20
+KILLS = 100
 
 
 def move(fa: FrankaArm, seconds: float) -> None:

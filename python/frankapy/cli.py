@@ -158,6 +158,7 @@ def _compat(options: argparse.Namespace) -> int:
 def _record(options: argparse.Namespace) -> int:
     from frankapy import FrankaArm
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # else the server would record on
     with FrankaArm(server=options.server, robot_num=options.arm) as fa:
         begun, told = time.monotonic(), ""
         with fa.recording() as status:

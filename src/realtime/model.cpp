@@ -121,7 +121,7 @@ double determinant(Matrix6 A) noexcept {
 struct Model::Impl {
   pinocchio::Model model;
   pinocchio::Data data, kinematics;     // `kinematics` serves O_T_EE(q) alone
-  Eigen::VectorXd q, dq, q_kinematics;
+  Eigen::VectorXd q, q_kinematics;
   pinocchio::SE3 J7_T_F, J7_T_EE;
   pinocchio::Inertia link7;
 
@@ -136,7 +136,6 @@ struct Model::Impl {
         data(model),
         kinematics(model),
         q(Eigen::VectorXd::Zero(kJoints)),
-        dq(Eigen::VectorXd::Zero(kJoints)),
         q_kinematics(Eigen::VectorXd::Zero(kJoints)),
         link7(last_link(description)) {
     const auto flange = link(model, kJoints + 1);
@@ -183,7 +182,6 @@ void Model::set_tool(double mass, const Vector3& F_x_C, const Eigen::Matrix3d& I
 void Model::update(const Vector7& q, const Vector7& dq) noexcept {
   Impl& m = *impl_;
   m.q = q;
-  m.dq = dq;
 
   // In world convention this fills data.oMi and data.J (velocity of the point at the origin) too.
   pinocchio::crba(m.model, m.data, In(m.q), pinocchio::Convention::WORLD);

@@ -167,14 +167,14 @@ def test_its_page_is_shown_in_a_window_where_there_is_a_screen(recorded, tmp_pat
 
 def test_the_command_records_what_another_client_does_until_it_is_interrupted(ideal_arm, fa):
     fa.goto_joints(HOME, 1)
-    for how in (["--seconds", "3600"], []):
+    for how, number in ((["--seconds", "3600"], signal.SIGINT), ([], signal.SIGINT), ([], signal.SIGTERM)):
         command = [sys.executable, "-m", "frankapy.cli", "record", "--server", ideal_arm.server, *how]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         try:
             path = re.match(r"recording to (.*) on the server's computer; Ctrl-C ends it\n", process.stdout.readline())[1]
             fa.goto_joints(AWAY, 1, skill_desc="there")
             fa.goto_joints(HOME, 1, skill_desc="and back")
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             told = process.communicate(timeout=300)[0]
         finally:
             process.kill()
