@@ -480,7 +480,7 @@ def test_status_tells_who_commands_and_what_came_over_topics(server, capsys):
 
 
 def test_a_read_whose_server_ended_asks_the_next_one(monkeypatch):
-    monkeypatch.setattr(connection, "_END_TIME", 5.0)  # which nobody is there to end: the server has no supervisor
+    monkeypatch.setattr(connection, "_END_TIME", 5.0)  # s: nobody says how a server ended that scripts make
     joints = []
     with ScriptedServer() as server:
         arm = FrankaArm(server=server.address)
