@@ -11,6 +11,8 @@ namespace {
 
 constexpr int kHalvings = 7;    // of the way that is looked for
 constexpr int kPlaces = 3;      // of a fall after its beginning, where it is looked at what the joints take
+// Times what the velocities change by on the way: the arm moves meanwhile, and with it how torques accelerate it.
+constexpr double kUnforeseen = 1.5;
 constexpr double kSame = 1e-9;  // rad/s, m/s, W
 
 }  // namespace
@@ -22,7 +24,7 @@ FallingTorque::FallingTorque(const Model& model, const Vector7& dq, const Matrix
 }
 
 FallingTorque::Fall FallingTorque::fall(const Vector7& tau, const Vector7& to, const Vector3& turning) const noexcept {
-  const Vector7 u = tau - to, ddq = mobility_ * u;
+  const Vector7 u = tau - to, ddq = kUnforeseen * (mobility_ * u);
   const double falls = time(u) + kTick;  // it acts for a cycle before it does
   Fall fall;
   fall.dq = dq_ + falls / 2 * ddq;

@@ -242,12 +242,8 @@ Eigen::Isometry3d Model::O_T_EE(const Vector7& q) noexcept {
   return m.end_effector(m.kinematics.oMi[kJoints]);
 }
 
-JointsOfPose Model::joints_of_pose(const Vector7& q, double left) noexcept {
+JointsOfPose Model::joints_of_pose(const Vector7& q, double damping) noexcept {
   constexpr int kElbow = 2;
-  constexpr double kDamping = 1e-3;  // m and rad; singular values are about 0.1 at home
-  // m: EE curves so much as a joint turns. Steps that count on a straight way swing about the nearest place where the square of the
-  // singular value there is less than half of this times what is left.
-  constexpr double kCurve = 0.5;
   Impl& m = *impl_;
   m.q_kinematics = q;
   pinocchio::computeJointJacobians(m.model, m.kinematics, In(m.q_kinematics));
@@ -267,7 +263,7 @@ JointsOfPose Model::joints_of_pose(const Vector7& q, double left) noexcept {
     }
   }
   Matrix6 normal = J.transpose() * J;
-  normal.diagonal().array() += kDamping * kDamping + kCurve * left;
+  normal.diagonal().array() += damping;
   const Matrix6 inverse = Cholesky<6>(normal).solve<6>(J.transpose());
   JointsOfPose out;
   out.q = q;

@@ -42,9 +42,11 @@ class Model {
   // Forward kinematics of any q, without touching the rest.
   Eigen::Isometry3d O_T_EE(const Vector7& q) noexcept;
 
-  // How the joints go along with a motion of EE, from any q; damped next to singularities, and the more the farther EE is left behind
-  // (`left`, m and rad): where no joints reach, they come to rest as near as they can.
-  JointsOfPose joints_of_pose(const Vector7& q, double left = 0) noexcept;
+  // How the joints go along with a motion of EE, from any q. `damping`, m² and rad² (0.01 is the square of a singular value at home):
+  // next to singularities they leave EE behind, and stay calm. Without it they do not, as those of a robot; it then is as good as
+  // none, so that the map stays finite.
+  static constexpr double kCalm = 1e-6, kNoDamping = 1e-10;
+  JointsOfPose joints_of_pose(const Vector7& q, double damping = kCalm) noexcept;
 
  private:
   struct Impl;

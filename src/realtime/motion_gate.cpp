@@ -74,7 +74,7 @@ void MotionGate::observe(const Reference& reference, const Vector7& gravity, con
   if (reference.motion == Channels::kJoint) {
     joints_.q = reference.joint.q;
   } else if (q_d != nullptr) {
-    joints_ = model_.joints_of_pose(*q_d);
+    joints_ = model_.joints_of_pose(*q_d, Model::kNoDamping);
   } else {
     if (pose_joints_.joints().q != joints_.q) pose_joints_.place(joints_.q);
     pose_joints_.follow(reference.cartesian, kTick);
@@ -83,7 +83,8 @@ void MotionGate::observe(const Reference& reference, const Vector7& gravity, con
   }
   robots_ = q_d != nullptr;
   if (reference.motion == Channels::kPose) {
-    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q)), robots_);
+    const double damping = robots_ ? Model::kNoDamping : Model::kCalm;
+    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q), damping), robots_);
   }
 }
 

@@ -21,6 +21,9 @@ constexpr double kPostureGain = 1;     // 1/s, of the way that is left
 constexpr double kNearlySingular = 5e-3, kLeastDeterminant = 1e-3;
 constexpr double kFlat = 1e-8;   // 1/rad², of the square of its slope
 constexpr double kSlight = 0.3;  // m and rad, by the square of the determinant: so little that is left damps nothing
+// m: EE curves so much as a joint turns. Steps that count on a straight way swing about the nearest place where the square of the
+// singular value there is less than half of this times what is left, which damps it so much more.
+constexpr double kCurve = 0.5;
 constexpr double kMet = 0.02;    // of a way, that may be left of it by a step that leads there
 
 }  // namespace
@@ -41,7 +44,7 @@ void PoseJoints::follow(const CartesianReference& pose, double dt) noexcept {
   if (pose_) left_ = change_between(at(joints_.O_T_EE), *pose_);
   pose_ = pose;
   const double left = left_.norm();
-  if (left > kSlight * joints_.determinant * joints_.determinant) joints_ = model_.joints_of_pose(joints_.q, left);
+  if (left > kSlight * joints_.determinant * joints_.determinant) joints_ = model_.joints_of_pose(joints_.q, Model::kCalm + kCurve * left);
   const Vector6 way = change_between(at(joints_.O_T_EE), pose);
   const Vector7 step = before_singularity(joints_.dq_dP * way, pose, way.norm());
   elbow_ = elbow_step(dt);

@@ -106,10 +106,6 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
     tool = tool_brake(cycle, pushed, 0);
     barrier_.add(cycle.q, cycle.dq, mobility, c, lead, slower, tool ? &*tool : nullptr);
     falling.hold(speeds, slower, tau_J_d);
-    // All of it falls together, as slowly as what has farthest to go: a joint that would be too fast on the way need not wait.
-    tau = tau_J_d;
-    barrier_.add(cycle.q, cycle.dq, mobility, c, lead, tau);
-    limits_.limit(tau, sent, kTick, tau_J_d);
     limited = true;
   }
   const Vector7 came = Vector7::Map(cycle.state.tau_J_d.data());

@@ -418,14 +418,16 @@ SampledWay SkillBuilder::way_of_poses(TrajectoryGenerator& trajectory, int sampl
   return way;
 }
 
-double SkillBuilder::rate_with_room(Reference pose, const realtime::JointsOfPose& joints, bool robots) {
+double SkillBuilder::rate_with_room(Reference pose, const realtime::JointsOfPose& calm, bool robots) {
+  const double damping = robots ? realtime::Model::kNoDamping : realtime::Model::kCalm;
+  const realtime::JointsOfPose joints = robots ? model_->joints_of_pose(calm.q, damping) : calm;
   const realtime::Vector6 velocity = pose.cartesian.velocity;
   pose.cartesian.acceleration.setZero();
   const auto has_room = [&](double rate) {
     pose.cartesian.velocity = rate * velocity;
     limiter_->reset(pose);
     limiter_->joints_follow(joints, joints, robots);
-    limiter_->joints_follow(joints, model_->joints_of_pose(limiter_->joints_ahead(joints.q)), robots);
+    limiter_->joints_follow(joints, model_->joints_of_pose(limiter_->joints_ahead(joints.q), damping), robots);
     return limiter_->has_room();
   };
   if (has_room(1 / kRoomShare)) return 1;

@@ -80,7 +80,7 @@ class SkillBuilder {
   SampledWay way_of_poses(realtime::TrajectoryGenerator& trajectory, int samples, const std::string& kind,
                           const realtime::Cycle& cycle, const Elbow& elbow, const realtime::Pace* pace);
   // The greatest share of its velocity that leaves the joints room to come to rest; 0 if there is none.
-  double rate_with_room(realtime::Reference pose, const realtime::JointsOfPose& joints, bool robots);
+  double rate_with_room(realtime::Reference pose, const realtime::JointsOfPose& calm, bool robots);
 
   void check_is_led(const realtime::Vector7& q, const std::string& kind);
   void check_posture(const realtime::Skill& skill, const std::string& kind) const;

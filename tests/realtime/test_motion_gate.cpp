@@ -33,11 +33,14 @@ struct Following {
   double follow(const Reference& wanted) {
     const Vector7 before = q;
     if (robots) {
-      for (int n = 0; n < 3; ++n) {
-        const JointsOfPose joints = model.joints_of_pose(q);
+      q += kTick * dq;
+      for (int n = 0; n < 4; ++n) {
+        const JointsOfPose joints = model.joints_of_pose(q, Model::kNoDamping);
         q += joints.dq_dP * change_between(at(joints.O_T_EE), reference.cartesian);
       }
     }
+    ddq = ((q - before) / kTick - dq) / kTick;
+    dq = (q - before) / kTick;
     gate.observe(reference, Vector7::Zero(), robots ? &q : nullptr);
     q = gate.joints().q;
     model.update(q, Vector7::Zero());
@@ -53,6 +56,7 @@ struct Following {
   MotionGate gate;
   bool robots;
   Vector7 q = Vector7::Map(models::kHome.data());
+  Vector7 dq = Vector7::Zero(), ddq = Vector7::Zero();  // of a robot's joints
   Reference reference, home;
 };
 
@@ -99,38 +103,70 @@ INSTANTIATE_TEST_SUITE_P(Arms, StreamOutOfReach,
                                   std::to_string(info.index);
                          });
 
+// A stream of places, from home.
+struct Streaming {
+  Streaming(Following& arm, double speed) : arm(arm), stream({"pose", 0., 0., speed}, arm.limits) {
+    stream.start(arm.home);
+    const Eigen::Quaterniond& turn = arm.home.cartesian.orientation;
+    Eigen::Vector4d::Map(&sample.values[5]) << turn.w(), turn.x(), turn.y(), turn.z();
+  }
+
+  void send(const Vector3& place) {
+    Vector3::Map(&sample.values[2]) = place;
+    stream.sensor_inputs().front()->put(sample);
+  }
+
+  void cycle() {
+    now.time += kTick;
+    stream.step(now, now.time, wanted);
+    arm.follow(wanted);
+  }
+
+  Following& arm;
+  StreamPose stream;
+  SensorSample sample;  // a PosePositionSensorMessage
+  const fci::RobotState state{};
+  Cycle now{.state = state, .model = arm.model};
+  Reference wanted;
+};
+
 // What is wanted goes on out there, and comes back by and by: it is waited for, and not passed where it stops.
 TEST_P(StreamOutOfReach, is_come_back_with_and_not_passed) {
   const auto& [name, robots, speed] = GetParam();
   Following arm(models::arm(name), robots);
-  StreamPose stream({"pose", 0., 0., speed}, arm.limits);
-  stream.start(arm.home);
-  SensorSample sample;  // a PosePositionSensorMessage
-  const Eigen::Quaterniond& turn = arm.home.cartesian.orientation;
-  Eigen::Vector4d::Map(&sample.values[5]) << turn.w(), turn.x(), turn.y(), turn.z();
-  const auto send = [&](const Vector3& place) {
-    Vector3::Map(&sample.values[2]) = place;
-    stream.sensor_inputs().front()->put(sample);
-  };
-  const fci::RobotState state{};
-  Cycle now{.state = state, .model = arm.model};
-  Reference wanted;
-  const auto cycle = [&] {
-    now.time += kTick;
-    stream.step(now, now.time, wanted);
-    arm.follow(wanted);
-  };
+  Streaming to(arm, speed);
   for (const Vector3& place : {Vector3(1.9, 0, 0.4), Vector3(1.9, 0, 0.4), Vector3(0.4, 0, 1.6), Vector3(0.8, 0, 0.2)}) {
-    send(place);
-    for (int k = 0; k < 6000; ++k) cycle();
+    to.send(place);
+    for (int k = 0; k < 6000; ++k) to.cycle();
     const Vector3 out = arm.way();
     EXPECT_GT(out.norm(), 0.15) << place.transpose();
-    send(arm.home.cartesian.position);
+    to.send(arm.home.cartesian.position);
     for (int k = 0; k < 40'000 && arm.way().norm() > 0.01; ++k) {
-      cycle();
+      to.cycle();
       ASSERT_GT(arm.way().dot(out.normalized()), -0.02) << place.transpose() << ", cycle " << k;
     }
     EXPECT_LE(arm.way().norm(), 0.01) << place.transpose();
+  }
+}
+
+class RobotOutOfReach : public testing::TestWithParam<const char*> {};
+
+INSTANTIATE_TEST_SUITE_P(Arms, RobotOutOfReach, testing::Values("fer", "fr3"), [](const auto& info) { return info.param; });
+
+// From place to place at the end of its reach, where the slowest motion of a pose is one of the joints: those that a robot makes,
+// which damps nothing there, keep to what they may do.
+TEST_P(RobotOutOfReach, keeps_its_joints_accelerations) {
+  Following arm(models::arm(GetParam()), true);
+  Streaming to(arm, 1);
+  for (const Vector3& place : {Vector3(0.7, -0.65, 1.2), Vector3(0.95, -0.57, 0.8), Vector3(0.25, 0.8, 0.8), Vector3(0.97, 0.73, -0.2)}) {
+    for (const Vector3& next : {place, Vector3(arm.home.cartesian.position)}) {
+      to.send(next);
+      for (int k = 0; k < 7000; ++k) {
+        to.cycle();
+        ASSERT_LT(arm.ddq.cwiseAbs().cwiseQuotient(Vector7::Map(arm.limits.ddq_max.data())).maxCoeff(), 1)
+            << next.transpose() << ", cycle " << k;
+      }
+    }
   }
 }
 

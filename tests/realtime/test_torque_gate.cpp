@@ -139,6 +139,39 @@ TEST(TorqueGate, AReducedTorqueIsBesideWhatTheArmWeighs) {
   EXPECT_LT(sent[1], -0.9 * bounds.limits.tau_max[1]);
 }
 
+// To and fro by far too stiff springs: torques that have far to fall, of joints that move each other.
+class SprungArm : public testing::TestWithParam<const char*> {};
+
+TEST_P(SprungArm, IsNoFasterThanTheRobotAllows) {
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  const Vector7 q_min = Vector7::Map(limits.q_min.data()), q_max = Vector7::Map(limits.q_max.data());
+  const Vector7 tau_max = Vector7::Map(limits.tau_max.data());
+  for (unsigned seed = 1; seed <= 24; ++seed) {
+    SimulatedArm arm(GetParam(), Vector7::Map(models::kMotorInertia.data()));
+    TorqueGate gate(limits);
+    WallGuard walls;
+    std::mt19937 engine(seed);
+    std::uniform_real_distribution<> some(0, 1);
+    const double stiffness = seed % 2 == 0 ? 1 : 3;  // of what the joints can give, 1/rad
+    const int every = seed % 4 < 2 ? 250 : 500;
+    Vector7 goal = arm.q, sent = Vector7::Zero();
+    for (int cycle = 0; cycle < 6000; ++cycle) {
+      if (cycle % every == 0) {
+        for (int i = 0; i < models::kJoints; ++i) goal[i] = q_min[i] + some(engine) * (q_max[i] - q_min[i]);
+      }
+      const Vector7 pull = stiffness * (goal - arm.q - 0.05 * arm.dq);
+      gate.pass(arm.cycle, walls, tau_max.cwiseProduct(pull) + arm.model.coriolis(), 0, sent);
+      arm.step(sent);
+      for (int i = 0; i < models::kJoints; ++i) {
+        const double allowed = arm.dq[i] > 0 ? limits.dq_upper(i, arm.q[i]) : -limits.dq_lower(i, arm.q[i]);
+        ASSERT_LT(std::abs(arm.dq[i]) - allowed, 0.1 * limits.dq_max[i]) << "seed " << seed << ", joint " << i + 1 << ", cycle " << cycle;
+      }
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Arms, SprungArm, testing::Values("fer", "fr3"), [](const auto& info) { return info.param; });
+
 // By the hand, up to 30 N hither and thither, while nothing holds it: how much faster than allowed a joint becomes, as a share of
 // its greatest speed, and the tool (m/s).
 class PushedArm : public testing::TestWithParam<const char*> {
