@@ -166,7 +166,7 @@ ROOMS_tsan := robot server
 ROOMS_asan-all := wire realtime parts robot server sim
 ROOMS_tsan-all := robot server sim
 # Laws over long motions, whose code shorter tests run too: by the nightly ones only.
-LONG_asan := whatever_(pose_)?is_asked_for|next_to_|many_walls_|OutOfReach|PushedArm|PulledArm
+LONG_asan := whatever_(pose_)?is_asked_for|next_to_|many_walls_|OutOfReach|PushedArm|PulledArm|SprungArm
 
 asan asan-all tsan tsan-all: FOLDER = $(BUILD)/$(@:-all=)
 asan asan-all: $(BUILD)/asan/build.ninja

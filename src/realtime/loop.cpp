@@ -324,7 +324,7 @@ void Loop::generate_reference() noexcept {
   int steps = robot_->pass(static_cast<int>(ticks_), gate_.limiter(), reference_);
   coasted_ |= robot_->has_reference() && ticks_ > 1;
   const Vector7 q_d = vector(state_.q_d);
-  gate_.prefer(phase_ == Phase::kRunning ? skill_->controller->posture() : std::nullopt);
+  gate_.prefer(phase_ == Phase::kRunning ? posture() : std::nullopt);
   gate_.observe(reference_, model_.gravity(base_gravity(state_)), robot_->makes_joints() ? &q_d : nullptr);
   if (phase_ == Phase::kRunning && first_command_ns_ == 0) begin_to_listen();
   if (phase_ == Phase::kRunning && !waits_for_start()) {
@@ -444,7 +444,7 @@ void Loop::send_command() noexcept {
 
 // The first that ends the skill, of those that look for a contact or of the others; -1: none.
 int Loop::ask_terminations(bool of_contact) noexcept {
-  const double planned = trajectory_began_ + path_.lasts(skill_->trajectory->duration()) + slowed_;
+  const double planned = trajectory_began_ + path_.lasts(duration(*skill_)) + slowed_;
   const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_, planned, observer_.tau_ext(),
                           observer_.O_F_ext_K()};
   int termination = -1;
@@ -520,7 +520,7 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   result.lost_states = skill_lost_states_;
   result.lost_commands = static_cast<std::uint64_t>(std::lround(kRateOver * std::clamp(1 - success_rate_, 0., 1.)));
   result.stretch = skill->trajectory->stretch();
-  if (const double planned = skill->trajectory->duration(); planned > 0 && std::isfinite(planned)) {
+  if (const double planned = duration(*skill); planned > 0 && std::isfinite(planned)) {
     result.stretch *= 1 + slowed_ / path_.lasts(planned);
   }
   result.limited_cycles = limited_cycles_;
@@ -539,12 +539,21 @@ void Loop::end(Skill* skill, Ending ending) noexcept {
   if (ending != Ending::kTerminated) unfinished_ = skill->id;
 }
 
+// s, of its trajectory's own.
+double Loop::duration(const Skill& skill) const noexcept {
+  return watch_.ask(skill.numbers.trajectory, [&] { return skill.trajectory->duration(); });
+}
+
+std::optional<Vector7> Loop::posture() const noexcept {
+  return watch_.ask(skill_->numbers.controller, [&] { return skill_->controller->posture(); });
+}
+
 // Of a skill that has come to rest.
 Left Loop::left(const Skill& skill) const noexcept {
-  const double planned = skill.trajectory->duration();
+  const double planned = duration(skill);
   if (!(planned > 0 && std::isfinite(planned)) || !gate_.at_rest()) return {};
   if (robot_->takes_torque() && !skill.controller->leads()) return {};
-  const Reference& goal = skill.trajectory->goal();
+  const Reference& goal = watch_.ask(skill.numbers.trajectory, [&]() -> const Reference& { return skill.trajectory->goal(); });
   if (goal.motion == Channels::kJoint) return {.joints = (goal.joint.q - cycle_.q).cwiseAbs().maxCoeff()};
   const Vector6 way = change_between(at(cycle_.O_T_EE), goal.cartesian);
   return {.position = way.head<3>().norm(), .angle = way.tail<3>().norm()};
@@ -593,9 +602,8 @@ bool Loop::follows_failure(const Skill& skill) const noexcept { return skill.aft
 bool Loop::next_waits() const noexcept {
   if (next_->start_ns > driver_.received_ns()) return true;
   if (next_->after == 0 || skill_ == nullptr) return false;
-  const TrajectoryGenerator& trajectory = *skill_->trajectory;
-  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) && trajectory.has_end() &&
-                      path_.lasts(trajectory.duration() - path_.time()) <= next_->blend;
+  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) && skill_->trajectory->has_end() &&
+                      path_.lasts(duration(*skill_) - path_.time()) <= next_->blend;
   return !blends;
 }
 

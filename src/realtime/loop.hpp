@@ -62,6 +62,8 @@ class Loop {
   // Skills: each comes through the door once, gets one result, and is retired once.
   void end(Skill* skill, Ending ending) noexcept;
   Left left(const Skill& skill) const noexcept;
+  double duration(const Skill& skill) const noexcept;
+  std::optional<Vector7> posture() const noexcept;
   void drop_next(Ending ending, fci::Command refused = fci::Command::kMove,
                  fci::Status status = fci::Status::kSuccess) noexcept;
   void stop_running(Ending ending, int termination = -1) noexcept;

@@ -98,7 +98,31 @@ class PartWatch {
     timed(number, [&] { call(place, number, [&] { return start(), true; }); });
   }
 
+  // Asks a part what it knows of itself.
+  template <class Function>
+  decltype(auto) ask(std::uint16_t number, Function function) const noexcept {
+    const Within within(hooks_.in_part, number);
+    return function();
+  }
+
  private:
+  // Says meanwhile that the loop is in that part.
+  class Within {
+   public:
+    Within(std::atomic<std::uint32_t>* in_part, std::uint16_t number) noexcept
+        : in_part_(in_part), around_(in_part != nullptr ? in_part->load(std::memory_order_relaxed) : 0) {
+      if (in_part != nullptr) in_part->store(number, std::memory_order_relaxed);
+    }
+    ~Within() {
+      if (in_part_ != nullptr) in_part_->store(around_, std::memory_order_relaxed);
+    }
+    Within(const Within&) = delete;
+
+   private:
+    std::atomic<std::uint32_t>* const in_part_;
+    const std::uint32_t around_;
+  };
+
   // How often this thread has given its processor away of itself.
   static long waits() noexcept {
     rusage used;
@@ -129,11 +153,7 @@ class PartWatch {
   template <class Function>
   bool call(Place& place, std::uint16_t number, Function function) noexcept {
     const std::uint64_t before = hooks_.allocations != nullptr ? hooks_.allocations() : 0;
-    std::atomic<std::uint32_t>* const in_part = hooks_.in_part;
-    const std::uint32_t around = in_part != nullptr ? in_part->load(std::memory_order_relaxed) : 0;
-    if (in_part != nullptr) in_part->store(number, std::memory_order_relaxed);
-    const bool answer = function();
-    if (in_part != nullptr) in_part->store(around, std::memory_order_relaxed);
+    const bool answer = ask(number, function);
     if (hooks_.allocations != nullptr && hooks_.allocations() != before) {
       blame(place, {PartFault::Why::kAllocates, number, 0});
     }

@@ -44,7 +44,9 @@ void PoseJoints::follow(const CartesianReference& pose, double dt) noexcept {
   if (pose_) left_ = change_between(at(joints_.O_T_EE), *pose_);
   pose_ = pose;
   const double left = left_.norm();
-  if (left > kSlight * joints_.determinant * joints_.determinant) joints_ = model_.joints_of_pose(joints_.q, Model::kCalm + kCurve * left);
+  if (left > kSlight * joints_.determinant * joints_.determinant) {
+    joints_ = model_.joints_of_pose(joints_.q, Model::kCalm + kCurve * left);
+  }
   const Vector6 way = change_between(at(joints_.O_T_EE), pose);
   const Vector7 step = before_singularity(joints_.dq_dP * way, pose, way.norm());
   elbow_ = elbow_step(dt);

@@ -1,5 +1,6 @@
 """Parts from outside the repository: begun with `frankapy new`, built against the build tree, loaded, run; and bad ones."""
 
+import itertools
 import os
 import re
 import shutil
@@ -81,7 +82,10 @@ syntax = "proto2";
 package bad_part;
 import "frankapy/proto/rules.proto";
 message BadPart {
-  enum What { NOTHING = 0; ALLOCATES = 1; NOT_FINITE = 2; LATE = 3; NEVER = 4; CRASHES = 5; THROWS = 6; THROWS_AT_ONCE = 7; }
+  enum What {
+    NOTHING = 0; ALLOCATES = 1; NOT_FINITE = 2; LATE = 3; NEVER = 4; CRASHES = 5; THROWS = 6; THROWS_AT_ONCE = 7;
+    CRASHES_ASKED = 8;  // for its duration, in the loop
+  }
   optional What what = 1 [default = NOTHING];
 }
 message BadTrajectory {
@@ -162,7 +166,10 @@ class Leads : public TrajectoryGenerator {
     return time >= 1;
   }
   const Reference& goal() const noexcept override { return goal_; }
-  double duration() const noexcept override { return 1; }
+  double duration() const noexcept override {
+    if (what_ == BadPart::CRASHES_ASKED && steps_ > 400) *nowhere = 1;
+    return 1;
+  }
   double stretch() const noexcept override { return 1; }
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override { return {input_}; }
 
@@ -593,15 +600,18 @@ ENDS = {
 }
 
 
-@pytest.mark.parametrize("role", ["controller", "trajectory", "termination"])
-@pytest.mark.parametrize("what", ENDS)
+@pytest.mark.parametrize(
+    ("role", "what"),
+    [*itertools.product(["controller", "trajectory", "termination"], list(ENDS)), ("trajectory", "CRASHES_ASKED")],
+)
 def test_a_part_that_ends_its_process_is_named_and_costs_one_arm(role, what, messages, two_arms):
     with FrankaArm(server=two_arms.server) as fa, FrankaArm(server=two_arms.server, robot_num=2) as other:
         fa.wait_for_franka_interface()
         other.wait_for_franka_interface()
         before = list_arms(two_arms.server)
         other.run(RelativeMinJerkJoint([0, 0.01, 0, 0, 0, 0, 0], 1000), JointImpedance(), Never(), block=False)
-        with pytest.raises(FrankaArmCommException, match=f"{ENDS[what]} in the {role} {NAMES[role]}"):
+        seen = f"{ENDS[what.removesuffix('_ASKED')]} in the {role} {NAMES[role]}"
+        with pytest.raises(FrankaArmCommException, match=seen):
             fa.run(*skill_with(messages, role, what))
         ended = time.monotonic()
         while not (after := list_arms(two_arms.server))[0].endpoint:
@@ -612,7 +622,7 @@ def test_a_part_that_ends_its_process_is_named_and_costs_one_arm(role, what, mes
         fa.wait_for_franka_interface(60)
         assert fa.run(StayJoint(0.1), JointImpedance()).ending == proto.TERMINATED
         assert after[0].starts == before[0].starts + 1
-        assert re.fullmatch(f"{ENDS[what]} in the {role} {NAMES[role]}", after[0].ended)
+        assert re.fullmatch(seen, after[0].ended)
         assert after[1].starts == before[1].starts
         other.stop_skill()
         assert other.last_skill_result.ending == proto.STOPPED
