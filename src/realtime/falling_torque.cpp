@@ -9,11 +9,10 @@
 namespace realtime {
 namespace {
 
-constexpr int kHalvings = 7;    // of the way that is looked for
-constexpr int kPlaces = 3;      // of a fall after its beginning, where it is looked at what the joints take
-// Times what the velocities change by on the way: the arm moves meanwhile, and with it how torques accelerate it.
-constexpr double kUnforeseen = 1.5;
-constexpr double kSame = 1e-9;  // rad/s, m/s, W
+constexpr int kHalvings = 7;         // of the way that is looked for
+constexpr int kPlaces = 3;           // of a fall after its beginning, where it is looked at what the joints take
+constexpr double kSame = 1e-9;       // rad/s, m/s, W
+constexpr double kUnforeseen = 1.5;  // times the change of velocity that M now tells
 
 }  // namespace
 

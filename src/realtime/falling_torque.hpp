@@ -16,7 +16,7 @@ struct SpeedBounds {
 // the arm no faster, so that a joint which has far to go does not leave the others alone with what it holds. With u what it falls
 // by and r the rate, in T = max |u| / r, it until then changes the velocity by M^-1 u T / 2, in a straight line as well: what keeps
 // to the bounds at both ends does so between. And after a torque from which it does so comes one from which it does: the next on
-// that line.
+// that line. As the arm moves meanwhile, and M with it, half as much again is counted on.
 class FallingTorque {
  public:
   // `sent`: the last torque, which acts in this cycle (N m); `rest`: that with which the joints do not accelerate; `gravity`: what

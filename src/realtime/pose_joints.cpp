@@ -24,7 +24,7 @@ constexpr double kSlight = 0.3;  // m and rad, by the square of the determinant:
 // m: EE curves so much as a joint turns. Steps that count on a straight way swing about the nearest place where the square of the
 // singular value there is less than half of this times what is left, which damps it so much more.
 constexpr double kCurve = 0.5;
-constexpr double kMet = 0.02;    // of a way, that may be left of it by a step that leads there
+constexpr double kMet = 0.02;  // of a way, that may be left of it by a step that leads there
 
 }  // namespace
 
