@@ -36,12 +36,11 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(REPOSITORY / "tests" / "safety"), str(REPOSITORY / "tests" / "interop")]
 import scenario  # noqa: E402
 from judge import Violation  # noqa: E402
-from play import Outcome, Player  # noqa: E402
+from play import FLOOR_SETTINGS, Outcome, Player  # noqa: E402
 from recorded_server import recorded_server  # noqa: E402
 
 SKILLS = 10_000
 EVENTS = 4  # of a batch; each has some ten skills
-FLOOR = '[[arm.wall]]\nname = "floor"\nshape = "plane"\nposition = [0, 0, 0]\n'  # that there is one, no draw knows
 UNLIMITED = REPOSITORY / "build" / "bench" / "franka-interface-unlimited"
 UNLIMITED_BATCHES = 10
 
@@ -58,7 +57,7 @@ def run(robot: str, server: str | Path, batches: Iterable[int], skills: int | No
 
     with contextlib.ExitStack() as opened:
         log = subprocess.DEVNULL if keep is None else opened.enter_context((keep / f"{robot}.log").open("w"))
-        recorded = opened.enter_context(recorded_server(robot, server, settings=FLOOR, log=log))
+        recorded = opened.enter_context(recorded_server(robot, server, settings=FLOOR_SETTINGS, log=log))
         bar = opened.enter_context(tqdm(total=skills, unit="skill", desc=robot))
         for seed in batches:
             outcome = Outcome()

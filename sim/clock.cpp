@@ -1,6 +1,7 @@
 #include "sim/clock.hpp"
 
 #include <poll.h>
+#include <sched.h>
 #include <sys/prctl.h>
 
 #include <algorithm>
@@ -33,11 +34,12 @@ void WallClock::sleep_until(std::int64_t time) {
 }
 
 void WallClock::wait_for(int socket, std::int64_t time) {
-  // Who is in a hurry answers sooner than a sleeping thread wakes.
+  // Who is in a hurry answers sooner than a sleeping thread wakes; that one may be waiting for this processor.
   constexpr std::int64_t kPolling = 100'000;  // ns
   const std::int64_t begin = now();
   for (std::int64_t until = std::min(time, begin + kPolling); now() < until;) {
     if (readable(socket, 0)) return;
+    ::sched_yield();
   }
   if (const std::int64_t left = time - now(); left > 0) readable(socket, left);
 }

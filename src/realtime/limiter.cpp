@@ -52,6 +52,7 @@ constexpr double kEnvelopeSlack = 0.02;
 constexpr double kRestVelocity = 1e-6;
 constexpr double kRestAcceleration = 1e-3;
 constexpr double kRounding = 1 + 1e-6;
+constexpr double kStray = 1e-4;     // rad/s or m/s between a robot's reference and ours: a fiftieth of what the jerk changes in a cycle
 constexpr double kMismatch = 0.05;  // of a limit, between the derivatives that a reference has and those of its positions
 constexpr double kStuckWay = 1e-3;  // rad, m that is no way made
 constexpr int kStuckCycles = 500;
@@ -172,6 +173,45 @@ struct Motion {
     along_v += dt * along_a;
     position += dt * translation.v;
     orientation = (exp(dt * rotation.v) * orientation).normalized();
+  }
+
+  // Goes on from what a robot says of its reference, `cycles` - 1 after this. Its position is taken only where it differs by more
+  // than rounding.
+  void adopt(const Reference& robots, int cycles, double rounding, double dt) {
+    for (int n = 1; n < cycles; ++n) coast(robots.motion, dt);
+    const bool here = distance(robots) < rounding;
+    if (robots.motion == Channels::kJoint) {
+      for (int i = 0; i < kJoints; ++i) {
+        Joint& joint = joints[i];
+        joint.v = robots.joint.dq[i];
+        joint.a = robots.joint.ddq[i];
+        if (!here) joint.q = robots.joint.q[i];
+        for (int n = 1; n < cycles; ++n) {
+          joint.q -= dt * joint.v;
+          joint.v -= dt * joint.a;
+        }
+        joint.velocity = joint.v + dt / 2 * joint.a;
+        joint.acceleration = joint.a;
+      }
+      return;
+    }
+    if (!here) {
+      position = robots.cartesian.position;
+      orientation = robots.cartesian.orientation;
+    }
+    translation.v = robots.cartesian.velocity.head<3>();
+    translation.a = robots.cartesian.acceleration.head<3>();
+    rotation.v = robots.cartesian.velocity.tail<3>();
+    rotation.a = robots.cartesian.acceleration.tail<3>();
+    for (int n = 1; n < cycles; ++n) {
+      position -= dt * translation.v;
+      orientation = (exp(-dt * rotation.v) * orientation).normalized();
+      for (Part* part : {&translation, &rotation}) part->v -= dt * part->a;
+    }
+    for (Part* part : {&translation, &rotation}) {
+      part->velocity = part->v + dt / 2 * part->a;
+      part->acceleration = part->a;
+    }
   }
 
   // From positions; rad, or m and the sine of an angle.
@@ -1036,11 +1076,17 @@ bool Limiter::reconcile(const Reference& robots, int cycles, double rounding, do
       error = other;
     }
   }
-  const bool certain = error_of(m) > error + rounding, possible = error < rounding;
+  const double sent = error_of(m);
+  const bool certain = sent > error + rounding, possible = error < rounding;
+  const bool stray = !possible && sent > kStray;
   m.in_doubt = possible && !certain;
   m.doubt = lost;
-  if (!possible || !certain) return false;
-  static_cast<Motion&>(m) = lost;
+  if (!stray && (!possible || !certain)) return false;
+  if (stray) {
+    m.adopt(robots, cycles, rounding, dt);
+  } else {
+    static_cast<Motion&>(m) = lost;
+  }
   m.write(m.motion, out);
   m.last = out;
   return true;

@@ -73,9 +73,10 @@ class Limiter {
   void coast(double dt, Reference& out) noexcept;
 
   // Outputs may never have come to the robot, which then went on as for coast(). `robots`: its reference so many cycles (>= 1)
-  // after the last output, for all but one of which coast() is still to come: positions, and velocities, which are backward
-  // differences; each off by at most `rounding`, rad, m and rad/s. True when the last output, or more of those before it,
-  // did not come; `out` is then where the robot was one cycle after the last.
+  // after the last output, for all but one of which coast() is still to come: positions, and velocities and accelerations,
+  // which are backward differences; each off by at most `rounding`, rad, m and rad/s. True when the last output, or more of those
+  // before it, did not come; `out` is then where the robot was one cycle after the last. Where it is otherwhere than either way,
+  // what it says itself counts: so it begins from a position that was rounded, or took a late one.
   bool reconcile(const Reference& robots, int cycles, double rounding, double dt, Reference& out) noexcept;
 
   // The last output.

@@ -240,7 +240,8 @@ void FciDriver::lose(const char* why) noexcept {
 
 // Waits for a datagram and takes along what else there is: how many, or -1 after the socket's timeout. A simulated arm in
 // lockstep answers sooner than a sleeping thread wakes: where the last wait was so short that nobody paces the arm, this
-// one polls first, but for a thread with real-time priority, which would let no other run meanwhile.
+// one polls first, and lets it run if it waits for this processor; but for a thread with real-time priority, which would let
+// no other run meanwhile.
 int FciDriver::wait() noexcept {
   const std::int64_t began = now_ns();
   int datagrams = -1;
@@ -249,6 +250,7 @@ int FciDriver::wait() noexcept {
   } else if (short_wait_ && ::sched_getscheduler(0) == SCHED_OTHER) {
     do {
       datagrams = ::recvmmsg(udp_.fd(), in_.headers.data(), kDatagrams, MSG_DONTWAIT, nullptr);
+      if (datagrams <= 0) ::sched_yield();
       received_ns_ = now_ns();
     } while (datagrams <= 0 && received_ns_ - began < kPolling);
     if (datagrams <= 0) pause_ = kPollingPause;

@@ -110,8 +110,12 @@ models::Limits scaled(models::Limits limits, double velocity, double acceleratio
 }
 
 models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config) {
-  return scaled(narrowed(models::limits(*model.arm, version), model.urdf), config.limits.velocity, config.limits.acceleration,
-                config.limits.jerk);
+  models::Limits limits = narrowed(models::limits(*model.arm, version), model.urdf);
+  for (int i = 0; i < models::kJoints; ++i) {
+    limits.q_min[i] += kBeforeEnd;
+    limits.q_max[i] -= kBeforeEnd;
+  }
+  return scaled(limits, config.limits.velocity, config.limits.acceleration, config.limits.jerk);
 }
 
 }  // namespace server

@@ -24,6 +24,10 @@ ArmModel choose_model(fci::Version version, const std::string& robot_urdf, const
 // With velocities, accelerations and jerks times these factors.
 models::Limits scaled(models::Limits limits, double velocity, double acceleration, double jerk);
 
+// rad before the ends of its joints' ranges that an arm is kept: where the robot holds a reference itself, friction leaves its joints
+// a little beyond.
+constexpr double kBeforeEnd = 0.005;
+
 // Limits of that arm, scaled as configured. Throws std::invalid_argument where its URDF's contradict them.
 models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config);
 

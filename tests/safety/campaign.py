@@ -36,11 +36,18 @@ from frankapy.sim import die_with_parent, program
 BENCH = REPOSITORY / "build" / "bench.json"
 FOUND = REPOSITORY / "build" / "safety"  # what is left of runs with violations
 LONGEST = 1800  # s of the wall, for a run
+ROOM = 4e9  # bytes, that the runs at a time may take
 SHRINKING = 1200  # s of the wall, for making one shorter
-WORKERS = os.cpu_count() or 2  # an arm and its loop take turns
+WORKERS = 2 * (os.cpu_count() or 1)  # an arm and its loop take turns, and their client mostly waits
 # What every change has to pass: seeds, one for each model, and which of their events.
 GATE = {44: (0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 12, 17), 49: (0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 14)}
 _FORK = multiprocessing.get_context("fork")
+
+
+def _memory() -> Path | None:
+    """Return where recordings need no disk, if there is room: one that stalls for half a second would be ten seconds too slow in lockstep."""
+    shared = Path("/dev/shm")
+    return shared if shared.is_dir() and shutil.disk_usage(shared).free > ROOM else None
 
 
 class Run:
@@ -48,7 +55,7 @@ class Run:
 
     def __init__(self, what: Scenario, server: str, record: str) -> None:
         self.scenario = what
-        self.folder = Path(tempfile.mkdtemp(prefix="safety-"))
+        self.folder = Path(tempfile.mkdtemp(prefix="safety-", dir=_memory()))
         self.outcome: Outcome | None = None
         self._until = time.monotonic() + LONGEST
         self._reports, sends = _FORK.Pipe(duplex=False)

@@ -36,6 +36,7 @@ from scenario import Event, Scenario
 from frankapy import FrankaArm, FrankaArmBusyException, FrankaArmCommException, FrankaArmException, RigidTransform, channel, proto
 from frankapy.parts import MinJerkJoint, RelativeMinJerkJoint
 from frankapy.sim import ControlChannel
+from frankapy.walls import Plane
 
 channel.SILENCE = 60.0  # s: that this computer stands still for a while is no violation
 EVENT = 240  # s of the wall, for the end of an event; it mostly takes some two
@@ -51,6 +52,10 @@ SETTINGS = '[arm.recovery]\ncollisions = "itself"\nuser_stop = "itself"\n[arm.co
     THRESHOLDS.format(f"{what}_thresholds", [20] * count, [most] * count)
     for what, count, most in (("torque", 7, 100), ("force", 6, 120))
 )
+# What the simulated arm stands on, which no draw knows of.
+FLOOR = Plane()
+FLOOR.name, FLOOR.fixed = "floor", True
+FLOOR_SETTINGS = '[[arm.wall]]\nname = "floor"\nshape = "plane"\nposition = [0, 0, 0]\n'
 # What an arm may meet that is led by hand or by a force: itself, and what stands around it. The server keeps references from that.
 MEETS_ITSELF = "self_collision_avoidance_violation"
 NEAR_ITSELF = 0.04  # m; motions keep 0.031
@@ -111,7 +116,7 @@ class Player:
         self._errors = error_names()
         self._control = ControlChannel(recorded.arm)
         self._hung, self._keep = hung, keep
-        self.standing: list[Standing] = []
+        self.standing = [Standing(FLOOR, 0)]
         self.skills: list[int] = []  # that the server's process, as it is now, has started
         self.processes = 1
         self._endings: collections.Counter[str] = collections.Counter()
@@ -228,7 +233,7 @@ class Player:
             wall = draw.wall()
             wall.name = f"wall {self._place}"
             if wall.held:
-                gaps = [clearance(other, q, [held_capsule(wall)]) for other in there if not other.held]
+                gaps = [clearance(other, q, [held_capsule(wall)]) for other in [FLOOR, *there] if not other.held]
             else:
                 gaps = [clearance(wall, q, [*capsules(), *held])]
             if min(gaps, default=np.inf) > (COMES_AHEAD if moving else COMES_BESIDE):
@@ -263,9 +268,8 @@ class Player:
         self._say(error)
         self._run(draw.skill())
         self._pass(draw.uniform(0, 0.4))
-        if self._try(lambda: self._control.inject(error)):
+        if self._try(lambda: self._control.inject(error)) and not self._broke_off():
             self._try(lambda: self._fa.wait_for(lambda state: bool(state.robot.errors), REPORTED))
-        self._try(self._fa.wait_for_skill)
 
     def _user_stop(self, draw: Draw) -> None:
         self._run(draw.skill())
@@ -338,7 +342,7 @@ class Player:
                 if time.monotonic() > until:
                     raise TimeoutError(f"{READY} s after {how.name} the arm is not ready: {error}") from error
                 time.sleep(0.2)
-        if (there := set(self._fa.walls)) != names:
+        if (there := set(self._fa.walls)) != names | {FLOOR.name}:
             self._found("hung", f"walls {sorted(names)} became {sorted(there)} by {how.name}")
 
     # --- what events are made of ---
@@ -365,6 +369,14 @@ class Player:
             if may_drift(law):
                 self._expected |= MET
             self._say(f"{type(skill['trajectory']).__name__} with {law} in {skill.get('robot_controller', 'auto')} until {ends}")
+
+    def _broke_off(self) -> bool:
+        """Whether the last skill ends by an error of the robot, which may be over by then: the arm recovers by itself."""
+        self._try(self._fa.wait_for_skill)
+        with self._tried():
+            result = self._motions[-1].result(REPORTED) if self._motions else None
+            return result is not None and result.ending == proto.ROBOT_ERROR
+        return False
 
     def _count(self, arguments: dict) -> None:
         ends = arguments.get("until", ())
@@ -396,7 +408,7 @@ class Player:
                 self._pass(draw.uniform(0, 0.03))
 
     def _there(self) -> list[proto.Wall]:
-        return [standing.wall for standing in self.standing if standing.end is None]
+        return [standing.wall for standing in self.standing if standing.end is None and not standing.wall.fixed]
 
     def _ends(self, names: set[str]) -> None:
         cycle = self._control.truth().cycle
@@ -511,7 +523,7 @@ def play(scenario: Scenario, server: str | Path, record: str, folder: Path, repo
                 scenario.robot,
                 server,
                 arm_options,
-                f"hold_time = {scenario.hold_time}\n{SETTINGS}",
+                f"hold_time = {scenario.hold_time}\n{SETTINGS}{FLOOR_SETTINGS}",
                 ["--record", record, "--recordings", str(folder)],
                 log,
             ) as recorded,

@@ -85,8 +85,8 @@ models::Limits limits_with(const std::string& what, double value) {
 
 TEST(ArmModel, LimitsAreTheNarrowerOfTheRobotsAndTheTables) {
   const models::Limits& table = models::limits(models::arm("fr3"), 10);
-  EXPECT_DOUBLE_EQ(limits_with("lower", -3.0).q_min[3], -3.0);
-  EXPECT_DOUBLE_EQ(limits_with("upper", -0.5).q_max[3], -0.5);
+  EXPECT_DOUBLE_EQ(limits_with("lower", -3.0).q_min[3], -3.0 + kBeforeEnd);
+  EXPECT_DOUBLE_EQ(limits_with("upper", -0.5).q_max[3], -0.5 - kBeforeEnd);
   EXPECT_DOUBLE_EQ(limits_with("velocity", 1.5).dq_max[3], 1.5);
   EXPECT_DOUBLE_EQ(limits_with("effort", 50).tau_max[3], 50);
   // The velocity towards the end of the range goes with it.
@@ -94,15 +94,20 @@ TEST(ArmModel, LimitsAreTheNarrowerOfTheRobotsAndTheTables) {
   EXPECT_LT(limits_with("upper", -0.5).dq_upper(3, -0.7), table.dq_upper(3, -0.7));
 
   // Nothing wider than the table, and nothing of what is no bound.
-  EXPECT_EQ(limits_with("lower", -4.0).q_min, table.q_min);
-  EXPECT_EQ(limits_with("upper", 4.0).q_max, table.q_max);
+  const models::Limits own = limits_with("velocity", 1000);
+  for (int i = 0; i < 7; ++i) {
+    EXPECT_DOUBLE_EQ(own.q_min[i], table.q_min[i] + kBeforeEnd);
+    EXPECT_DOUBLE_EQ(own.q_max[i], table.q_max[i] - kBeforeEnd);
+  }
+  EXPECT_EQ(limits_with("lower", -4.0).q_min, own.q_min);
+  EXPECT_EQ(limits_with("upper", 4.0).q_max, own.q_max);
   for (const double no_bound : {0.0, 1000.0, -1.0}) {
     EXPECT_EQ(limits_with("velocity", no_bound).dq_max, table.dq_max) << no_bound;
     EXPECT_EQ(limits_with("effort", no_bound).tau_max, table.tau_max) << no_bound;
   }
   for (const char* each : {"lower", "velocity", "effort"}) EXPECT_THROW(limits_with(each, NAN), std::invalid_argument) << each;
-  EXPECT_EQ(limits_with("lower", 5.0).q_min, table.q_min) << "above upper";
-  EXPECT_EQ(limits_with("upper", -3.5).q_max, table.q_max) << "below lower";
+  EXPECT_EQ(limits_with("lower", 5.0).q_min, own.q_min) << "above upper";
+  EXPECT_EQ(limits_with("upper", -3.5).q_max, own.q_max) << "below lower";
 }
 
 TEST(ArmModel, ARangeThatThisArmCannotHaveIsRefused) {
@@ -123,7 +128,7 @@ TEST(ArmModel, LimitsAreScaledAsConfigured) {
   EXPECT_DOUBLE_EQ(scaled.dq_max[3], 0.5 * full.dq_max[3]);
   EXPECT_DOUBLE_EQ(scaled.ddq_max[3], 0.25 * full.ddq_max[3]);
   EXPECT_DOUBLE_EQ(scaled.translation.jerk, 0.1 * full.translation.jerk);
-  EXPECT_EQ(scaled.q_max, full.q_max);
+  EXPECT_DOUBLE_EQ(scaled.q_max[3], full.q_max[3] - kBeforeEnd) << "of a range there are no shares";
   EXPECT_EQ(scaled.tau_max, full.tau_max);
 }
 

@@ -22,10 +22,12 @@ bool Motion::reconcile(const fci::RobotState& state, fci::Version version, int t
   robots.motion = reference.motion;
   robots.joint.q = Vector7::Map(state.q_d.data());
   robots.joint.dq = Vector7::Map(state.dq_d.data());
+  robots.joint.ddq = Vector7::Map(state.ddq_d.data());
   const Eigen::Isometry3d O_T_EE_c = pose(state.O_T_EE_c);
   robots.cartesian.position = O_T_EE_c.translation();
   robots.cartesian.orientation = Eigen::Quaterniond(O_T_EE_c.linear());
   robots.cartesian.velocity = Vector6::Map(state.O_dP_EE_c.data());
+  robots.cartesian.acceleration = Vector6::Map(state.O_ddP_EE_c.data());
   return limiter.reconcile(robots, ticks, version >= fci::kFloatStateVersion ? kFloat : kDouble, kTick, reference);
 }
 
