@@ -260,6 +260,7 @@ struct Limiter::Impl : Motion {
   bool reduced = false;  // they are less
   Vector7 fastest = Vector7::Constant(std::numeric_limits<double>::infinity());  // likewise, rad/s
   bool bounded = false;  // it is finite
+  double spared = 1;     // share of the joints' acceleration with which they brake and catch up
 
   Channels motion = Channels::kJoint;
   Reference last;  // output
@@ -285,9 +286,14 @@ struct Limiter::Impl : Motion {
     rotation.limits = limits.rotation;
     joint_brake.in.control_interface = ruckig::ControlInterface::Velocity;
     stop.in.control_interface = ruckig::ControlInterface::Velocity;
+    spare(1);
+  }
+
+  void spare(double share) noexcept {
+    spared = share;
     for (int i = 0; i < kJoints; ++i) {
-      joint_brake.in.max_acceleration[i] = kShare * limits.ddq_max[i];
-      (*joint_brake.in.min_acceleration)[i] = -kShare * limits.ddq_max[i];
+      joint_brake.in.max_acceleration[i] = kShare * share * limits.ddq_max[i];
+      (*joint_brake.in.min_acceleration)[i] = -kShare * share * limits.ddq_max[i];
     }
   }
 
@@ -441,7 +447,7 @@ struct Limiter::Impl : Motion {
     Vector7 velocity, acceleration;
     for (int i = 0; i < kJoints; ++i) {
       const double V = std::min(plan_share() * asked.dq_max[i], fastest[i]);
-      const double A = plan_share() * asked.ddq_max[i];
+      const double A = std::min(plan_share() * asked.ddq_max[i], kPlanShare * spared * limits.ddq_max[i]);
       const double q = std::clamp(wanted.q[i], limits.q_min[i], limits.q_max[i]);
       const bool inside = q == wanted.q[i];
       velocity[i] = inside ? std::clamp(wanted.dq[i], -V, V) : 0;
@@ -911,6 +917,8 @@ void Limiter::bound(const Vector7& dq) noexcept {
   impl_->fastest = dq;
   impl_->bounded = dq.array().isFinite().any();
 }
+
+void Limiter::spare(double share) noexcept { impl_->spare(share); }
 
 Vector7 Limiter::joint_velocity_to_come() const noexcept {
   Vector7 dq;

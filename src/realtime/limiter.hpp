@@ -35,6 +35,9 @@ class Limiter {
   // Likewise to these velocities of the joints (rad/s, may be infinite), from the next follow() on.
   void bound(const Vector7& dq) noexcept;
 
+  // Likewise joints brake and catch up with this share of what they may accelerate with, at most 1.
+  void spare(double share) noexcept;
+
   // Continues from here: what the robot has as its last command. Motion, position, velocity and
   // acceleration count. To be called before all else, and whenever the reference jumps on purpose
   // (another motion, re-based by a controller, lost to an error).

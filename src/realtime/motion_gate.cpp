@@ -27,6 +27,9 @@ constexpr double kLeftBehind = 1e-3;        // m and rad, between a pose and its
 constexpr double kNearlySingular = 1.1e-3;  // determinant, a little before a pose that moves is stopped
 constexpr double kLookAhead = 1e-3;         // rad, of all joints together
 
+constexpr double kStill = 0.05;       // rad/s of a joint for which braking is little
+constexpr double kLeastSpared = 0.3;  // or the arm would not come to rest before anything
+
 constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
 
 // So near to each other that an arm which a wall holds up does not stir for it.
@@ -42,6 +45,8 @@ MotionGate::MotionGate(const models::Limits& limits, Model& model)
     : model_(model),
       bounds_(limits),
       robots_tool_speed_(limits.translation.velocity),
+      ddq_max_(Vector7::Map(limits.ddq_max.data())),
+      tau_max_(Vector7::Map(limits.tau_max.data())),
       limiter_(limits),
       pose_joints_(model, limits) {
   keep_to(bounds_);
@@ -55,6 +60,8 @@ Walls* MotionGate::keep_from(Walls* walls) noexcept {
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
   walled_ = slowed_ = soon_ = false;
+  spared_ = 1;
+  limiter_.spare(1);
   limiter_.reset(from);
 }
 
@@ -184,10 +191,27 @@ bool MotionGate::elbow_is_clear(const Vector7& q) noexcept {
          (!walls_.active() || walls_.clear(joints_.q, there, WallGuard::kClearance + 2 * WallGuard::kTurnAround));
 }
 
+// The share of the joints' acceleration with which all of them may brake at once, as what they bear then is no more than they can:
+// an arm that is stretched out, and comes down, cannot take all of it.
+double MotionGate::bearable() const noexcept {
+  const Reference& now = limiter_.last();
+  if (now.motion != Channels::kJoint) return 1;
+  const Vector7 held = gravity_ + model_.coriolis();
+  const Vector7 brake = model_.mass() * (now.joint.dq.array().abs() > kStill).select(-now.joint.dq.array().sign() * ddq_max_.array(), 0).matrix();
+  double share = 1;
+  for (int i = 0; i < models::kJoints; ++i) {
+    const double room = tau_max_[i] - (brake[i] > 0 ? held[i] : -held[i]);
+    if (room < share * std::abs(brake[i])) share = room / std::abs(brake[i]);
+  }
+  return std::max(share, kLeastSpared);
+}
+
 // Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does
 // not do either, the way to rest, which was clear the last time.
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
+  const double spared = bearable();
+  limiter_.spare(spared);
   HeldBy held = keep_to_bounds(wanted, reference);
   if (out_of_reach(wanted)) {
     limiter_.take_back();
@@ -195,12 +219,19 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
     held |= HeldBy::kMotionLimits;
   }
   const ArmCapsules* const arm = walls_.arm();
-  if (arm == nullptr) return held;
+  if (arm == nullptr) {
+    spared_ = spared;
+    return held;
+  }
   const HeldBy met = meets(*arm, reference, WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
   held |= met;
   walled_ = met == HeldBy::kWall;
-  if (met == HeldBy::kNothing) return held;
+  if (met == HeldBy::kNothing) {
+    spared_ = spared;
+    return held;
+  }
   limiter_.take_back();
+  limiter_.spare(spared_);  // as on the way that was clear
   const Reference aside = walled_ ? past_walls(wanted) : before_;
   if (!beside(aside, before_)) {
     limiter_.follow(aside, kTick, reference);

@@ -70,6 +70,7 @@ class MotionGate {
   bool elbow_is_clear(const Vector7& q) noexcept;
   HeldBy meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept;
   void look_to_rest(const Reference& reference) noexcept;
+  double bearable() const noexcept;
   std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
   Reference past_walls(const Reference& wanted) const noexcept;
 
@@ -77,6 +78,8 @@ class MotionGate {
   Bounds bounds_;
   double robots_tool_speed_;  // m/s, that it allows
   Vector7 gravity_ = Vector7::Zero();  // N m
+  Vector7 ddq_max_, tau_max_;          // of the robot
+  double spared_ = 1;                  // share of its acceleration with which the arm comes to rest on a way that is clear
   Limiter limiter_;
   WallGuard walls_;
   SelfGuard self_;

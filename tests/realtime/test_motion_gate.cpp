@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <random>
 #include <string>
 #include <tuple>
 
@@ -59,6 +60,48 @@ struct Following {
   Vector7 dq = Vector7::Zero(), ddq = Vector7::Zero();  // of a robot's joints
   Reference reference, home;
 };
+
+class StretchedArm : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Arms, StretchedArm, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
+
+// All joints at once, from anywhere: with all that each may brake with, some postures would need more than joint 2 can.
+TEST_P(StretchedArm, brakes_with_what_its_joints_can_bear) {
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  Model model(models::urdf(models::arm(GetParam()), 10));
+  model.set_tool(0.73, {-0.01, 0, 0.03}, Eigen::Matrix3d::Zero(), testing_tools::F_T_hand());
+  const Vector3 down(0, 0, -9.81);
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> share(0, 1);
+  const auto strain = [&](const Vector7& ddq) {
+    const Vector7 tau = model.mass() * ddq + model.coriolis() + model.gravity(down);
+    return tau.cwiseAbs().cwiseQuotient(Vector7::Map(limits.tau_max.data())).maxCoeff();
+  };
+  double worst = 0, worst_of_all = 0;
+  for (int n = 0; n < 2000; ++n) {
+    Reference reference;
+    for (int i = 0; i < 7; ++i) {
+      double& q = reference.joint.q[i];
+      q = limits.q_min[i] + (0.2 + 0.6 * share(random)) * (limits.q_max[i] - limits.q_min[i]);
+      reference.joint.dq[i] = (0.2 + 0.4 * share(random)) * (share(random) < 0.5 ? limits.dq_lower(i, q) : limits.dq_upper(i, q));
+    }
+    model.update(reference.joint.q, reference.joint.dq);
+    worst_of_all = std::max(worst_of_all, strain(-reference.joint.dq.cwiseSign().cwiseProduct(Vector7::Map(limits.ddq_max.data()))));
+    MotionGate gate(limits, model);
+    gate.place(reference.joint.q);
+    gate.reset(reference);
+    gate.observe(reference, model.gravity(down), nullptr);
+    Reference wanted = reference;
+    wanted.joint.q += kTick * reference.joint.dq;
+    gate.follow(wanted, reference);
+    for (bool rests = false; !rests;) {
+      rests = gate.brake(reference);
+      model.update(reference.joint.q, reference.joint.dq);
+      worst = std::max(worst, strain(reference.joint.ddq));
+    }
+  }
+  EXPECT_LT(worst, 1.1);
+  EXPECT_GT(worst_of_all, 1.15);
+}
 
 class PoseOutOfReach : public testing::TestWithParam<std::tuple<const char*, Eigen::Vector3d>> {};
 
