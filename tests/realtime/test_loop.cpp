@@ -1259,6 +1259,25 @@ TEST_F(LoopTest, ARobotWhoseKinematicsAreNotOursIsBelievedWhereItIs) {
   EXPECT_LT((start.cartesian.position - there.translation()).norm(), 1e-12);
 }
 
+// From states whose reals were rounded: the pose that the robot begins from is the one of its joints, also next to a singular posture.
+TEST_F(LoopTest, APoseThatWasRoundedDoesNotMoveTheJoints) {
+  const auto rounded = [](const auto& x) { return x.template cast<float>().template cast<double>().eval(); };
+  Vector7 q{0.4293, 0.2879, -0.1371, -2.1408, -1.1398, 3.365, 2.1671};
+  for (int n = 0; n < 50; ++n) {
+    q.array() += 1e-3;
+    const Eigen::Isometry3d there = model.O_T_EE(q);
+    fci::RobotState state{};
+    Vector7::Map(state.q_d.data()) = rounded(q);
+    Eigen::Matrix4d::Map(state.O_T_EE_c.data()) = rounded(there.matrix());
+    Cycle cycle{state, model};
+    cycle.q = rounded(q);
+    cycle.O_T_EE = there;
+    const Reference start = robot_controller(kInternalPose).start(cycle, Channels::kPose, model);
+    const Vector7 way = model.joints_of_pose(q, Model::kNoDamping).dq_dP * change_between(at(there), start.cartesian);
+    EXPECT_LT(way.cwiseAbs().maxCoeff(), 5e-7) << n;
+  }
+}
+
 TEST_F(LoopTest, AMotionIsNotFinishedWhileTheArmStillMoves) {
   // Torques that keep the arm swinging, with a reference at rest.
   struct Swinging : JointImpedance {
