@@ -155,9 +155,12 @@ struct Motion {
   // The joints that the robot moves along with the pose, differences of their positions as for Joint.
   Vector7 along_v = Vector7::Zero(), along_a = Vector7::Zero();
 
+  // Nothing is held any more: whoever leads the reference on begins from there (Rejoin), and a catching up that each loss sets back
+  // would never arrive.
   void coast(Channels motion, double dt) {
     if (motion == Channels::kJoint) {
       for (Joint& joint : joints) {
+        joint.held = false;
         joint.v += dt * joint.a;
         joint.q += dt * joint.v;
         joint.velocity = joint.v + dt / 2 * joint.a;
@@ -166,6 +169,7 @@ struct Motion {
       return;
     }
     for (Part* part : {&translation, &rotation}) {
+      part->held = false;
       part->v += dt * part->a;
       part->velocity = part->v + dt / 2 * part->a;
       part->acceleration = part->a;

@@ -11,6 +11,7 @@ from frankapy.parts import (
     JointImpedance,
     MinJerkJoint,
     Never,
+    PoseSamples,
     RelativeMinJerkPose,
     StreamJoint,
 )
@@ -150,6 +151,19 @@ def lose_packets(arm, robot_controller: str, seconds: float) -> None:
 @pytest.mark.parametrize("robot_controller", NINE)
 def test_lost_packets_end_no_motion(default_arm, robot_controller):
     lose_packets(default_arm, robot_controller, 5)
+
+
+def test_samples_that_begin_beside_the_reference_are_caught_up_with_while_packets_are_lost(start):
+    arm = start(robot="fer", truth=False)
+    with arm.client() as fa:
+        arm.simulation.network(loss_in=0.05, loss_out=0.05, seed=11)
+        aside = 0.05 * (1 - np.cos(np.pi * np.linspace(0, 2, 2001)))[:, None] * [1, 1, 0.5]
+        for _ in range(20):
+            here = fa.get_pose(include_tool_offset=False)  # where it is, and not where it was to be
+            samples = PoseSamples(here.translation + aside, np.tile(here.quaternion, (len(aside), 1)))
+            result = fa.run(samples, InternalImpedance())
+            assert result.ending == proto.TERMINATED
+            assert result.time < 2.5
 
 
 @pytest.mark.nightly
