@@ -146,6 +146,15 @@ struct Part {
   }
 };
 
+// A joint or part whose outputs went on with constant acceleration. It is not held any more: whoever leads the reference on begins
+// from there (Rejoin), and a catching up that each loss sets back would never arrive.
+template <typename Each>
+void goes_on(Each& each, double dt) {
+  each.velocity = each.v + dt / 2 * each.a;
+  each.acceleration = each.a;
+  each.held = false;
+}
+
 // All that an output is continued from.
 struct Motion {
   std::array<Joint, kJoints> joints{};
@@ -155,24 +164,18 @@ struct Motion {
   // The joints that the robot moves along with the pose, differences of their positions as for Joint.
   Vector7 along_v = Vector7::Zero(), along_a = Vector7::Zero();
 
-  // Nothing is held any more: whoever leads the reference on begins from there (Rejoin), and a catching up that each loss sets back
-  // would never arrive.
   void coast(Channels motion, double dt) {
     if (motion == Channels::kJoint) {
       for (Joint& joint : joints) {
-        joint.held = false;
         joint.v += dt * joint.a;
         joint.q += dt * joint.v;
-        joint.velocity = joint.v + dt / 2 * joint.a;
-        joint.acceleration = joint.a;
+        goes_on(joint, dt);
       }
       return;
     }
     for (Part* part : {&translation, &rotation}) {
-      part->held = false;
       part->v += dt * part->a;
-      part->velocity = part->v + dt / 2 * part->a;
-      part->acceleration = part->a;
+      goes_on(*part, dt);
     }
     along_v += dt * along_a;
     position += dt * translation.v;
@@ -194,8 +197,7 @@ struct Motion {
           joint.q -= dt * joint.v;
           joint.v -= dt * joint.a;
         }
-        joint.velocity = joint.v + dt / 2 * joint.a;
-        joint.acceleration = joint.a;
+        goes_on(joint, dt);
       }
       return;
     }
@@ -212,10 +214,7 @@ struct Motion {
       orientation = (exp(-dt * rotation.v) * orientation).normalized();
       for (Part* part : {&translation, &rotation}) part->v -= dt * part->a;
     }
-    for (Part* part : {&translation, &rotation}) {
-      part->velocity = part->v + dt / 2 * part->a;
-      part->acceleration = part->a;
-    }
+    for (Part* part : {&translation, &rotation}) goes_on(*part, dt);
   }
 
   // From positions; rad, or m and the sine of an angle.
@@ -1093,11 +1092,12 @@ bool Limiter::reconcile(const Reference& robots, int cycles, double rounding, do
   const bool stray = !possible && sent > kStray;
   m.in_doubt = possible && !certain;
   m.doubt = lost;
-  if (!stray && (!possible || !certain)) return false;
   if (stray) {
     m.adopt(robots, cycles, rounding, dt);
-  } else {
+  } else if (possible && certain) {
     static_cast<Motion&>(m) = lost;
+  } else {
+    return false;
   }
   m.write(m.motion, out);
   m.last = out;

@@ -197,7 +197,9 @@ double MotionGate::bearable() const noexcept {
   const Reference& now = limiter_.last();
   if (now.motion != Channels::kJoint) return 1;
   const Vector7 held = gravity_ + model_.coriolis();
-  const Vector7 brake = model_.mass() * (now.joint.dq.array().abs() > kStill).select(-now.joint.dq.array().sign() * ddq_max_.array(), 0).matrix();
+  const Eigen::Array<bool, models::kJoints, 1> moves = now.joint.dq.array().abs() > kStill;
+  const Vector7 ddq = moves.select(-now.joint.dq.cwiseSign().cwiseProduct(ddq_max_), 0);
+  const Vector7 brake = model_.mass() * ddq;
   double share = 1;
   for (int i = 0; i < models::kJoints; ++i) {
     const double room = tau_max_[i] - (brake[i] > 0 ? held[i] : -held[i]);
@@ -219,11 +221,8 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
     held |= HeldBy::kMotionLimits;
   }
   const ArmCapsules* const arm = walls_.arm();
-  if (arm == nullptr) {
-    spared_ = spared;
-    return held;
-  }
-  const HeldBy met = meets(*arm, reference, WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0));
+  const double clearance = WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0);
+  const HeldBy met = arm == nullptr ? HeldBy::kNothing : meets(*arm, reference, clearance);
   held |= met;
   walled_ = met == HeldBy::kWall;
   if (met == HeldBy::kNothing) {

@@ -28,7 +28,7 @@ models::Limits scaled(models::Limits limits, double velocity, double acceleratio
 // a little beyond.
 constexpr double kBeforeEnd = 0.005;
 
-// Limits of that arm, scaled as configured. Throws std::invalid_argument where its URDF's contradict them.
+// Limits of that arm, kBeforeEnd inside its ranges and scaled as configured. Throws std::invalid_argument where its URDF's contradict them.
 models::Limits scaled_limits(const ArmModel& model, fci::Version version, const ArmConfig& config);
 
 }  // namespace server

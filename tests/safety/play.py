@@ -55,7 +55,7 @@ SETTINGS = '[arm.recovery]\ncollisions = "itself"\nuser_stop = "itself"\n[arm.co
 # What the simulated arm stands on, which no draw knows of.
 FLOOR = Plane()
 FLOOR.name, FLOOR.fixed = "floor", True
-FLOOR_SETTINGS = '[[arm.wall]]\nname = "floor"\nshape = "plane"\nposition = [0, 0, 0]\n'
+FLOOR_SETTINGS = f'[[arm.wall]]\nname = "{FLOOR.name}"\nshape = "plane"\nposition = {list(FLOOR.position)}\n'
 # What an arm may meet that is led by hand or by a force: itself, and what stands around it. The server keeps references from that.
 MEETS_ITSELF = "self_collision_avoidance_violation"
 NEAR_ITSELF = 0.04  # m; motions keep 0.031
@@ -236,7 +236,7 @@ class Player:
                 gaps = [clearance(other, q, [held_capsule(wall)]) for other in [FLOOR, *there] if not other.held]
             else:
                 gaps = [clearance(wall, q, [*capsules(), *held])]
-            if min(gaps, default=np.inf) > (COMES_AHEAD if moving else COMES_BESIDE):
+            if min(gaps) > (COMES_AHEAD if moving else COMES_BESIDE):
                 if self._try(lambda wall=wall: walls.add(wall.name, wall)):
                     # The loop takes it in its next cycle.
                     self.standing.append(Standing(wall, self._control.truth().cycle + 2))

@@ -9,11 +9,10 @@ namespace {
 // By which poses differ that are the same.
 constexpr double kSamePosition = 2e-3;  // m
 constexpr double kSameAngle = 0.01;     // rad
-constexpr double kRounding = 3e-7;      // m and rad, of both where states are float32
 
 bool same(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double position, double angle) {
-  const Eigen::Quaterniond turn(Eigen::Matrix3d(a.linear().transpose() * b.linear()));
-  return (a.translation() - b.translation()).norm() < position && turn.angularDistance(Eigen::Quaterniond::Identity()) < angle;
+  const Vector6 change = change_between(at(a), at(b));
+  return change.head<3>().norm() < position && change.tail<3>().norm() < angle;
 }
 
 }  // namespace
@@ -21,13 +20,14 @@ bool same(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b, double positio
 Reference CartesianPose::start(const Cycle& cycle, Channels, Model& model) const noexcept {
   // From where the robot says that it is: its kinematics may be calibrated, and are not ours.
   const Vector7 q_d = Vector7::Map(cycle.state.q_d.data());
-  Eigen::Isometry3d T = cycle.O_T_EE * model.O_T_EE(cycle.q).inverse() * model.O_T_EE(q_d);
+  const Eigen::Isometry3d of_joints = model.O_T_EE(q_d);
+  Eigen::Isometry3d T = cycle.O_T_EE * model.O_T_EE(cycle.q).inverse() * of_joints;
   if (is_pose(cycle.state.O_T_EE_c)) {
     const Eigen::Isometry3d commanded = pose(cycle.state.O_T_EE_c);
     if (same(T, commanded, kSamePosition, kSameAngle)) T = commanded;
   }
   // Next to a singular posture the joints of a pose that was rounded are far from those that were: there they count.
-  if (const Eigen::Isometry3d of_joints = model.O_T_EE(q_d); same(T, of_joints, kRounding, kRounding)) T = of_joints;
+  if (same(T, of_joints, kFloatRounding, kFloatRounding)) T = of_joints;
   Reference reference;
   reference.motion = Channels::kPose;
   reference.cartesian.position = T.translation();

@@ -5,8 +5,7 @@
 namespace realtime::robot_controllers {
 namespace {
 
-// By how much a state may be beside what was commanded, rad, m and rad/s: float32 up to 4, and arithmetic on the robot's side.
-constexpr double kFloat = 3e-7, kDouble = 1e-9;
+constexpr double kDoubleRounding = 1e-9;  // as kFloatRounding: arithmetic alone
 
 }  // namespace
 
@@ -28,7 +27,7 @@ bool Motion::reconcile(const fci::RobotState& state, fci::Version version, int t
   robots.cartesian.orientation = Eigen::Quaterniond(O_T_EE_c.linear());
   robots.cartesian.velocity = Vector6::Map(state.O_dP_EE_c.data());
   robots.cartesian.acceleration = Vector6::Map(state.O_ddP_EE_c.data());
-  return limiter.reconcile(robots, ticks, version >= fci::kFloatStateVersion ? kFloat : kDouble, kTick, reference);
+  return limiter.reconcile(robots, ticks, version >= fci::kFloatStateVersion ? kFloatRounding : kDoubleRounding, kTick, reference);
 }
 
 }  // namespace realtime::robot_controllers

@@ -4,6 +4,9 @@
 
 namespace realtime::robot_controllers {
 
+// By how much a state of float32 may be beside what was commanded, rad, m and rad/s: of numbers up to 4, with the robot's arithmetic.
+constexpr double kFloatRounding = 3e-7;
+
 // What the four motion interfaces have in common: the robot has the reference, at 1 kHz. It goes on with constant acceleration
 // while it gets none.
 class Motion : public RobotController {
