@@ -24,6 +24,7 @@
 #include "server/part_record.hpp"
 #include "server/publisher.hpp"
 #include "server/realtime_setup.hpp"
+#include "server/recorded_driver.hpp"
 #include "server/recorder.hpp"
 #include "server/registry.hpp"
 #include "server/sensor_hub.hpp"
@@ -224,7 +225,8 @@ class ArmProcess {
     auto builder = std::make_shared<SkillBuilder>(std::make_unique<realtime::Model>(chosen.urdf), limits,
                                                   config_.settings.collision_behavior.value_or(robot::kCollisionBehavior));
 
-    realtime::Loop loop(driver, model, limits, {config_.hold_time, config_.settings, {options_.allocations, &part_record().in_loop}},
+    RecordedDriver recorded(driver, recorder_);
+    realtime::Loop loop(config_.lockstep ? static_cast<robot::Driver&>(recorded) : driver, model, limits, {config_.hold_time, config_.settings, {options_.allocations, &part_record().in_loop}},
                         door_);
     RealtimeReport report = realtime_;
     std::promise<void> prepared, go;

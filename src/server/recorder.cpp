@@ -94,7 +94,7 @@ bool RecordingFolder::make_room(const std::vector<fs::path>& open) const {
 // --- the recorder --------------------------------------------------------------------------------------------------
 
 Recorder::Recorder(BlackBox& box, const RecordingsConfig& config, const std::string& arm, const Gripper* gripper)
-    : box_(box), config_(config), arm_(arm), gripper_(gripper), folder_(config, arm), watched_(box.records) {
+    : box_(box), config_(config), arm_(arm), gripper_(gripper), folder_(config, arm), watched_(box.records), been_through_(box.records.written()) {
   thread_ = std::thread([this] { run(); });
 }
 
@@ -119,6 +119,7 @@ proto::RecordingStatus Recorder::ask(const proto::Record& request) {
 
 void Recorder::run() {
   while (!quit_) {
+    const std::uint64_t there = box_.records.written();
     watch();
     note_gripper();
     if (!wanted()) {
@@ -142,6 +143,7 @@ void Recorder::run() {
       const std::lock_guard lock(mutex_);
       status_.set_open(running_ != nullptr);
     }
+    been_through_ = there;
     std::this_thread::sleep_for(kWritePeriod);
   }
   watch();

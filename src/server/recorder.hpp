@@ -56,6 +56,9 @@ class Recorder {
   // What a client asks for: to record all the time or no longer; not said: as it is. And what there is.
   frankapy::proto::RecordingStatus ask(const frankapy::proto::Record& request);
 
+  // Records that it has not been through. From any thread.
+  std::uint64_t behind() const noexcept { return box_.records.written() - been_through_; }
+
  private:
   using Clock = std::chrono::steady_clock;
 
@@ -95,6 +98,7 @@ class Recorder {
   bool keeps_ = false;                // keep_file_ is open
   frankapy::proto::RecordingStatus status_;
 
+  std::atomic<std::uint64_t> been_through_;
   std::atomic<bool> quit_{false};
   std::thread thread_;
 };

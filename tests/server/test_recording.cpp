@@ -9,6 +9,7 @@
 #include <functional>
 #include <thread>
 
+#include "server/recorded_driver.hpp"
 #include "server/recorder.hpp"
 #include "tests/child.hpp"
 
@@ -252,6 +253,35 @@ TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileIsLongEnough) {
 TEST_F(RecordingTest, NothingIsLostOrTwiceWhereAFileIsOldEnough) {
   config_.file_minutes = 0.002;
   expect_nothing_lost_where_files_change();
+}
+
+// An arm whose states are there as soon as they are asked for.
+struct RestlessDriver : robot::Driver {
+  robot::Received receive(fci::RobotState&) noexcept override { return robot::Received::kState; }
+  std::int64_t received_ns() const noexcept override { return 0; }
+  void send(const fci::RobotCommand&) noexcept override {}
+  std::optional<std::uint32_t> post(const robot::Request&) noexcept override { return {}; }
+  std::optional<robot::Answer> poll() noexcept override { return {}; }
+  fci::Version version() const noexcept override { return {}; }
+};
+
+TEST_F(RecordingTest, OfAnArmInLockstepNothingIsLost) {
+  config_.mode = RecordingsConfig::Mode::kAlways;
+  fs::path kept;
+  {
+    Recorder recorder(box_, config_, "arm", nullptr);
+    ASSERT_TRUE(wait_for([&] { return recorder.ask({}).open(); }));
+    RestlessDriver arm;
+    RecordedDriver driver(arm, recorder);
+    for (int i = 0; i < 40'000; ++i) {
+      ASSERT_EQ(driver.receive(record_.state), robot::Received::kState);
+      cycles(1);
+      if (i == 20'000) kept = recorder.keep("test");
+    }
+  }
+  ASSERT_EQ(files().size(), 2u);
+  EXPECT_EQ(count(read(files()[files()[0] == kept]), "/states"), 40'000u);
+  EXPECT_GE(count(read(kept), "/states"), 10'000u);
 }
 
 TEST_F(RecordingTest, ADiskThatTakesNothingIsSaid) {
