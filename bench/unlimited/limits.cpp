@@ -18,7 +18,7 @@ Limiter::~Limiter() = default;
 
 void Limiter::reduce(const models::Limits&) noexcept {}
 void Limiter::bound(const Vector7&) noexcept {}
-void Limiter::spare(double) noexcept {}
+void Limiter::spare(double, double) noexcept {}
 void Limiter::reset(const Reference& from) noexcept { impl_->last = from; }
 void Limiter::joints_follow(const JointsOfPose&, const JointsOfPose&, bool) noexcept {}
 bool Limiter::has_room() noexcept { return true; }

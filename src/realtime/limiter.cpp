@@ -263,7 +263,7 @@ struct Limiter::Impl : Motion {
   bool reduced = false;  // they are less
   Vector7 fastest = Vector7::Constant(std::numeric_limits<double>::infinity());  // likewise, rad/s
   bool bounded = false;  // it is finite
-  double spared = 1;     // share of the joints' acceleration with which they brake and catch up
+  double spared = 1;     // share of the joints' acceleration with which they catch up
 
   Channels motion = Channels::kJoint;
   Reference last;  // output
@@ -289,14 +289,14 @@ struct Limiter::Impl : Motion {
     rotation.limits = limits.rotation;
     joint_brake.in.control_interface = ruckig::ControlInterface::Velocity;
     stop.in.control_interface = ruckig::ControlInterface::Velocity;
-    spare(1);
+    spare(1, 1);
   }
 
-  void spare(double share) noexcept {
-    spared = share;
+  void spare(double braking, double catching_up) noexcept {
+    spared = catching_up;
     for (int i = 0; i < kJoints; ++i) {
-      joint_brake.in.max_acceleration[i] = kShare * share * limits.ddq_max[i];
-      (*joint_brake.in.min_acceleration)[i] = -kShare * share * limits.ddq_max[i];
+      joint_brake.in.max_acceleration[i] = kShare * braking * limits.ddq_max[i];
+      (*joint_brake.in.min_acceleration)[i] = -kShare * braking * limits.ddq_max[i];
     }
   }
 
@@ -791,12 +791,14 @@ struct Limiter::Impl : Motion {
     return most;
   }
 
-  // Gently where that does; else as hard as may be in this cycle.
+  // Gently where that does; else as hard as may be in this cycle: of a pose whose joints are ours, by its own limits alone. They need
+  // not come along where it is out of their reach or they are next to a singularity, and must not keep it from coming to rest.
   void brake_steps(double dt, PartStep& linear, PartStep& angular, bool soon = false) noexcept {
     brake_step(1, soon ? kSoonJerk : kGentleJerk, dt, linear, angular);
     if (admissible(translation, linear, dt) && admissible(rotation, angular, dt) && along_admissible(linear, angular, dt)) {
       return;
     }
+    const bool has_joints = std::exchange(has_along, has_along && along_robots);
     double least = std::numeric_limits<double>::infinity();
     for (const double rate : {1., 0.7, 0.4, 0.2, 0.}) {
       PartStep on, about;
@@ -806,8 +808,9 @@ struct Limiter::Impl : Motion {
       least = most;
       linear = on;
       angular = about;
-      if (most <= kMostStrain) return;
+      if (most <= kMostStrain) break;
     }
+    has_along = has_joints;
   }
 
   void move(const PartStep& linear, const PartStep& angular, double dt) {
@@ -921,7 +924,7 @@ void Limiter::bound(const Vector7& dq) noexcept {
   impl_->bounded = dq.array().isFinite().any();
 }
 
-void Limiter::spare(double share) noexcept { impl_->spare(share); }
+void Limiter::spare(double braking, double catching_up) noexcept { impl_->spare(braking, catching_up); }
 
 Vector7 Limiter::joint_velocity_to_come() const noexcept {
   Vector7 dq;

@@ -35,8 +35,8 @@ class Limiter {
   // Likewise to these velocities of the joints (rad/s, may be infinite), from the next follow() on.
   void bound(const Vector7& dq) noexcept;
 
-  // Likewise joints brake and catch up with this share of what they may accelerate with, at most 1.
-  void spare(double share) noexcept;
+  // Likewise joints brake and catch up with these shares of what they may accelerate with, each at most 1.
+  void spare(double braking, double catching_up) noexcept;
 
   // Continues from here: what the robot has as its last command. Motion, position, velocity and
   // acceleration count. To be called before all else, and whenever the reference jumps on purpose
@@ -112,6 +112,9 @@ class TorqueLimiter {
   double share(const Vector7& tau) const noexcept { return tau.cwiseAbs().cwiseQuotient(tau_max_).maxCoeff(); }
 
   const Vector7& rate() const noexcept { return dtau_max_; }  // N m/s
+
+  // Each of them inside the limits of torque.
+  Vector7 within(const Vector7& tau) const noexcept { return tau.cwiseMax(least_).cwiseMin(most_); }
 
   // Brings the whole vector inside the limits, in its direction, from `last`, which was commanded dt seconds before; N m. True if
   // it had to. One that is not finite is taken for zero.

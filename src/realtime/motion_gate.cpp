@@ -61,7 +61,7 @@ void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
   walled_ = slowed_ = soon_ = false;
   spared_ = 1;
-  limiter_.spare(1);
+  limiter_.spare(1, 1);
   limiter_.reset(from);
 }
 
@@ -191,29 +191,30 @@ bool MotionGate::elbow_is_clear(const Vector7& q) noexcept {
          (!walls_.active() || walls_.clear(joints_.q, there, WallGuard::kClearance + 2 * WallGuard::kTurnAround));
 }
 
-// The share of the joints' acceleration with which all of them may brake at once, as what they bear then is no more than they can:
-// an arm that is stretched out, and comes down, cannot take all of it.
-double MotionGate::bearable() const noexcept {
+// Shares of the joints' acceleration that leave what they bear no more than they can: an arm that is stretched out, and comes down,
+// cannot take all of it. Joints that brake do so all at once; of those that catch up nobody knows which way.
+MotionGate::Shares MotionGate::bearable() const noexcept {
+  Shares shares;
   const Reference& now = limiter_.last();
-  if (now.motion != Channels::kJoint) return 1;
+  if (now.motion != Channels::kJoint) return shares;
   const Vector7 held = gravity_ + model_.coriolis();
   const Eigen::Array<bool, models::kJoints, 1> moves = now.joint.dq.array().abs() > kStill;
-  const Vector7 ddq = moves.select(-now.joint.dq.cwiseSign().cwiseProduct(ddq_max_), 0);
-  const Vector7 brake = model_.mass() * ddq;
-  double share = 1;
+  const Vector7 brake = model_.mass() * Vector7(moves.select(-now.joint.dq.cwiseSign().cwiseProduct(ddq_max_), 0));
+  const Vector7 most = model_.mass().cwiseAbs() * ddq_max_;
   for (int i = 0; i < models::kJoints; ++i) {
     const double room = tau_max_[i] - (brake[i] > 0 ? held[i] : -held[i]);
-    if (room < share * std::abs(brake[i])) share = room / std::abs(brake[i]);
+    if (room < shares.braking * std::abs(brake[i])) shares.braking = room / std::abs(brake[i]);
+    shares.catching_up = std::min(shares.catching_up, (tau_max_[i] - std::abs(held[i])) / most[i]);
   }
-  return std::max(share, kLeastSpared);
+  return {std::max(shares.braking, kLeastSpared), std::max(shares.catching_up, kLeastSpared)};
 }
 
 // Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does
 // not do either, the way to rest, which was clear the last time.
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
-  const double spared = bearable();
-  limiter_.spare(spared);
+  const Shares spared = bearable();
+  limiter_.spare(spared.braking, spared.catching_up);
   HeldBy held = keep_to_bounds(wanted, reference);
   if (out_of_reach(wanted)) {
     limiter_.take_back();
@@ -226,11 +227,11 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   held |= met;
   walled_ = met == HeldBy::kWall;
   if (met == HeldBy::kNothing) {
-    spared_ = spared;
+    spared_ = spared.braking;
     return held;
   }
   limiter_.take_back();
-  limiter_.spare(spared_);  // as on the way that was clear
+  limiter_.spare(spared_, spared.catching_up);  // as on the way that was clear
   const Reference aside = walled_ ? past_walls(wanted) : before_;
   if (!beside(aside, before_)) {
     limiter_.follow(aside, kTick, reference);

@@ -61,6 +61,11 @@ class MotionGate {
   WallGuard& walls() noexcept { return walls_; }
 
  private:
+  // Of the joints' acceleration.
+  struct Shares {
+    double braking = 1, catching_up = 1;
+  };
+
   bool out_of_reach(const Reference& wanted) noexcept;
   HeldBy keep_to_bounds(const Reference& wanted, Reference& reference) noexcept;
   HeldBy beyond_bounds(const Reference& reference, double fastest) const noexcept;
@@ -70,7 +75,7 @@ class MotionGate {
   bool elbow_is_clear(const Vector7& q) noexcept;
   HeldBy meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept;
   void look_to_rest(const Reference& reference) noexcept;
-  double bearable() const noexcept;
+  Shares bearable() const noexcept;
   std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
   Reference past_walls(const Reference& wanted) const noexcept;
 

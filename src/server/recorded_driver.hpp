@@ -17,7 +17,12 @@ class RecordedDriver final : public robot::Driver {
   RecordedDriver(robot::Driver& driver, const Recorder& recorder) : driver_(driver), recorder_(recorder) {}
 
   robot::Received receive(fci::RobotState& state) noexcept override {
-    for (auto waited = kStep; recorder_.behind() > kMost && waited < kPatience; waited += kStep) std::this_thread::sleep_for(kStep);
+    for (Milliseconds waited{0}; recorder_.behind() > kMost && waited < kMostOfCycle && stood_ < kMostOfAll; waited += kStep) {
+      const std::uint64_t before = recorder_.been_through();
+      std::this_thread::sleep_for(kStep);
+      stood_ = recorder_.been_through() == before ? stood_ + kStep : Milliseconds(0);
+    }
+    if (recorder_.behind() <= kMost) stood_ = Milliseconds(0);
     return driver_.receive(state);
   }
   std::int64_t received_ns() const noexcept override { return driver_.received_ns(); }
@@ -27,14 +32,17 @@ class RecordedDriver final : public robot::Driver {
   fci::Version version() const noexcept override { return driver_.version(); }
 
  private:
+  using Milliseconds = std::chrono::milliseconds;
+
   // Records: as many as can come while the ten seconds of a black box are written, and none of them is lost.
   static constexpr std::uint64_t kMost = 4 * (BlackBox::kRecords - BlackBox::kKept) / 5;
-  static constexpr auto kStep = std::chrono::milliseconds(1);
-  // In a cycle, for a disk that stands still: less than a simulated arm waits for its command.
-  static constexpr auto kPatience = std::chrono::milliseconds(100);
+  static constexpr Milliseconds kStep{1};
+  static constexpr Milliseconds kMostOfCycle{100};  // less than a simulated arm waits for its command
+  static constexpr Milliseconds kMostOfAll{2000};   // then the disk stands still, and costs the recording alone
 
   robot::Driver& driver_;
   const Recorder& recorder_;
+  Milliseconds stood_{0};  // waited for a recorder that came no farther
 };
 
 }  // namespace server

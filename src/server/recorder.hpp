@@ -56,7 +56,8 @@ class Recorder {
   // What a client asks for: to record all the time or no longer; not said: as it is. And what there is.
   frankapy::proto::RecordingStatus ask(const frankapy::proto::Record& request);
 
-  // Records that it has not been through. From any thread.
+  // How many records it has been through, and how many there are since. From any thread.
+  std::uint64_t been_through() const noexcept { return been_through_; }
   std::uint64_t behind() const noexcept { return box_.records.written() - been_through_; }
 
  private:

@@ -103,6 +103,77 @@ TEST_P(StretchedArm, brakes_with_what_its_joints_can_bear) {
   EXPECT_GT(worst_of_all, 1.15);
 }
 
+// Likewise where it makes up at once for what it is behind.
+TEST_P(StretchedArm, catches_up_with_what_its_joints_can_bear) {
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  Model model(models::urdf(models::arm(GetParam()), 10));
+  model.set_tool(0.73, {-0.01, 0, 0.03}, Eigen::Matrix3d::Zero(), testing_tools::F_T_hand());
+  const Vector3 down(0, 0, -9.81);
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> share(0, 1);
+  double worst = 0;
+  for (int n = 0; n < 1000; ++n) {
+    Reference reference, wanted;
+    for (int i = 0; i < 7; ++i) {
+      reference.joint.q[i] = limits.q_min[i] + (0.2 + 0.6 * share(random)) * (limits.q_max[i] - limits.q_min[i]);
+      wanted.joint.q[i] = reference.joint.q[i] + 0.15 * (2 * share(random) - 1);
+    }
+    model.update(reference.joint.q, reference.joint.dq);
+    MotionGate gate(limits, model);
+    gate.place(reference.joint.q);
+    gate.reset(reference);
+    for (int k = 0; k < 300; ++k) {
+      gate.observe(reference, model.gravity(down), nullptr);
+      gate.follow(wanted, reference);
+      model.update(reference.joint.q, reference.joint.dq);
+      const Vector7 tau = model.mass() * reference.joint.ddq + model.coriolis() + model.gravity(down);
+      worst = std::max(worst, tau.cwiseAbs().cwiseQuotient(Vector7::Map(limits.tau_max.data())).maxCoeff());
+    }
+  }
+  EXPECT_LT(worst, 1.1);
+}
+
+class FastPose : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Arms, FastPose, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
+
+// As a skill by poses may take over from joints that move at up to their greatest speed, with an arm that has stayed behind them: out
+// of reach, past singular postures and the ends of joints, where those that would follow it are no measure.
+TEST_P(FastPose, comes_to_rest_from_wherever_it_begins) {
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  Model model(models::urdf(models::arm(GetParam()), 10));
+  model.set_tool(0.73, {-0.01, 0, 0.03}, Eigen::Matrix3d::Zero(), testing_tools::F_T_hand());
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> share(0, 1);
+  double longest = 0, farthest = 0;
+  for (int n = 0; n < 300; ++n) {
+    Vector7 q, dq, behind;
+    for (int i = 0; i < 7; ++i) {
+      q[i] = limits.q_min[i] + (0.02 + 0.96 * share(random)) * (limits.q_max[i] - limits.q_min[i]);
+      dq[i] = 0.7 * share(random) * (share(random) < 0.5 ? limits.dq_lower(i, q[i]) : limits.dq_upper(i, q[i]));
+      behind[i] = q[i] - 0.1 * share(random) * dq[i];
+    }
+    model.update(q, dq);
+    Reference reference;
+    reference.motion = Channels::kPose;
+    reference.cartesian = at(model.O_T_EE());
+    reference.cartesian.velocity = model.jacobian() * dq;
+    const Vector3 start = reference.cartesian.position;
+    model.update(behind, dq);
+    MotionGate gate(limits, model);
+    gate.place(behind);
+    gate.reset(reference);
+    double time = 0;
+    for (bool rests = false; !rests && time < 30; time += kTick) {
+      gate.observe(reference, Vector7::Zero(), nullptr);
+      rests = gate.brake(reference);
+    }
+    longest = std::max(longest, time);
+    farthest = std::max(farthest, (reference.cartesian.position - start).norm());
+  }
+  EXPECT_LT(longest, 2);
+  EXPECT_LT(farthest, 1);
+}
+
 class PoseOutOfReach : public testing::TestWithParam<std::tuple<const char*, Eigen::Vector3d>> {};
 
 std::string names(const testing::TestParamInfo<PoseOutOfReach::ParamType>& info) {

@@ -629,6 +629,37 @@ TEST_P(PushedBack, an_arm_that_is_led_against_itself_is_braked_before_the_robot_
   }
 }
 
+// By stiff springs, to places beyond a wall and the floor as well: what would push it back may be more than its joints can give.
+TEST_P(PushedBack, an_arm_that_swings_bears_no_more_than_it_can) {
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  const Vector7 q_min = Vector7::Map(limits.q_min.data()), q_max = Vector7::Map(limits.q_max.data());
+  const Vector7 tau_max = Vector7::Map(limits.tau_max.data());
+  HeldBy held = HeldBy::kNothing;
+  for (unsigned seed = 1; seed <= 12; ++seed) {
+    SimulatedArm arm(GetParam(), Vector7::Map(models::kMotorInertia.data()));
+    TorqueGate gate(limits);
+    WallGuard guard;
+    guard.change(new Walls{ArmCapsules(models::arm(GetParam()), true),
+                           {{1, plane({0.6, 0, 0}, -Vector3::UnitX())}, {2, plane({0, 0, 0}, Vector3::UnitZ())}}});
+    std::mt19937 engine(seed);
+    std::uniform_real_distribution<> some(0, 1);
+    Vector7 goal = arm.q, sent = Vector7::Zero();
+    double most = 0;
+    for (int cycle = 0; cycle < 6000; ++cycle) {
+      if (cycle % 500 == 0) {
+        for (int i = 0; i < models::kJoints; ++i) goal[i] = q_min[i] + some(engine) * (q_max[i] - q_min[i]);
+      }
+      const Vector7 pull = 3 * (goal - arm.q - 0.05 * arm.dq);
+      held |= gate.pass(arm.cycle, guard, tau_max.cwiseProduct(pull) + arm.model.coriolis(), 0, sent);
+      const Vector7 borne = (sent + arm.model.gravity({0, 0, -9.81})).cwiseAbs();
+      most = std::max(most, borne.cwiseQuotient(tau_max).maxCoeff());
+      arm.step(sent);
+    }
+    EXPECT_LE(most, 1) << "seed " << seed;
+  }
+  EXPECT_TRUE(has(held, HeldBy::kWall));
+}
+
 // Fingers that lie along the shoulder, or along a table: the nearest place of a capsule leaps there between its ends.
 TEST_P(PushedBack, an_arm_that_is_pressed_on_something_lies_still) {
   const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
