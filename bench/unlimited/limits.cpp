@@ -52,6 +52,7 @@ bool Limiter::at_rest() const noexcept {
 
 TorqueLimiter::TorqueLimiter(const models::Limits& limits) : tau_max_(Vector7::Map(limits.tau_max.data())) {}
 void TorqueLimiter::beside(const Vector7&) noexcept {}
+double TorqueLimiter::share_inside(const Vector7&, const Vector7&) const noexcept { return 1; }
 bool TorqueLimiter::scale(const Vector7& wanted, const Vector7&, double, Vector7& out) const noexcept {
   out = wanted;
   return false;

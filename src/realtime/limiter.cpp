@@ -1128,6 +1128,15 @@ void TorqueLimiter::beside(const Vector7& borne) noexcept {
   most_ = tau_max_.cwiseMin(tau_max_ - borne).cwiseMax(0);
 }
 
+double TorqueLimiter::share_inside(const Vector7& from, const Vector7& to) const noexcept {
+  double share = 1;
+  for (int i = 0; i < kJoints; ++i) {
+    const double room = to[i] > from[i] ? most_[i] - from[i] : from[i] - least_[i];
+    if (room < share * std::abs(to[i] - from[i])) share = std::max(room, 0.) / std::abs(to[i] - from[i]);
+  }
+  return share;
+}
+
 bool TorqueLimiter::scale(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {
   const bool finite = wanted.allFinite();
   const Vector7 target = finite ? Vector7(wanted / std::max(share(wanted), 1.)) : Vector7::Zero();

@@ -113,8 +113,8 @@ class TorqueLimiter {
 
   const Vector7& rate() const noexcept { return dtau_max_; }  // N m/s
 
-  // Each of them inside the limits of torque.
-  Vector7 within(const Vector7& tau) const noexcept { return tau.cwiseMax(least_).cwiseMin(most_); }
+  // What of the way from one torque, inside the limits of torque, to another is so.
+  double share_inside(const Vector7& from, const Vector7& to) const noexcept;
 
   // Brings the whole vector inside the limits, in its direction, from `last`, which was commanded dt seconds before; N m. True if
   // it had to. One that is not finite is taken for zero.

@@ -105,7 +105,7 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
     if (pushed_away != HeldBy::kNothing) walls.add(cycle.dq, mobility, c, slower);
     tool = tool_brake(cycle, pushed, 0);
     barrier_.add(cycle.q, cycle.dq, mobility, c, lead, slower, tool ? &*tool : nullptr);
-    falling.hold(speeds, limits_.within(slower), tau_J_d);
+    falling.hold(speeds, c + limits_.share_inside(c, slower) * (slower - c), tau_J_d);
     limited = true;
   }
   const Vector7 came = Vector7::Map(cycle.state.tau_J_d.data());

@@ -114,6 +114,9 @@ models::Limits scaled_limits(const ArmModel& model, fci::Version version, const 
   for (int i = 0; i < models::kJoints; ++i) {
     limits.q_min[i] += kBeforeEnd;
     limits.q_max[i] -= kBeforeEnd;
+    if (limits.q_min[i] < limits.q_max[i]) continue;
+    throw std::invalid_argument(fmt::format("the robot's URDF leaves joint {} no more than {:.4f} rad: expected a range of more than {} rad",
+                                            i + 1, limits.q_max[i] - limits.q_min[i] + 2 * kBeforeEnd, 2 * kBeforeEnd));
   }
   return scaled(limits, config.limits.velocity, config.limits.acceleration, config.limits.jerk);
 }

@@ -630,7 +630,7 @@ TEST_P(PushedBack, an_arm_that_is_led_against_itself_is_braked_before_the_robot_
 }
 
 // By stiff springs, to places beyond a wall and the floor as well: what would push it back may be more than its joints can give.
-TEST_P(PushedBack, an_arm_that_swings_bears_no_more_than_it_can) {
+TEST_P(PushedBack, an_arm_that_swings_bears_no_more_than_it_can_and_is_no_faster_than_it_may) {
   const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
   const Vector7 q_min = Vector7::Map(limits.q_min.data()), q_max = Vector7::Map(limits.q_max.data());
   const Vector7 tau_max = Vector7::Map(limits.tau_max.data());
@@ -644,7 +644,7 @@ TEST_P(PushedBack, an_arm_that_swings_bears_no_more_than_it_can) {
     std::mt19937 engine(seed);
     std::uniform_real_distribution<> some(0, 1);
     Vector7 goal = arm.q, sent = Vector7::Zero();
-    double most = 0;
+    double most = 0, fastest = 0;
     for (int cycle = 0; cycle < 6000; ++cycle) {
       if (cycle % 500 == 0) {
         for (int i = 0; i < models::kJoints; ++i) goal[i] = q_min[i] + some(engine) * (q_max[i] - q_min[i]);
@@ -654,8 +654,13 @@ TEST_P(PushedBack, an_arm_that_swings_bears_no_more_than_it_can) {
       const Vector7 borne = (sent + arm.model.gravity({0, 0, -9.81})).cwiseAbs();
       most = std::max(most, borne.cwiseQuotient(tau_max).maxCoeff());
       arm.step(sent);
+      for (int i = 0; i < models::kJoints; ++i) {
+        const double allowed = arm.dq[i] > 0 ? limits.dq_upper(i, arm.q[i]) : -limits.dq_lower(i, arm.q[i]);
+        fastest = std::max(fastest, (std::abs(arm.dq[i]) - allowed) / limits.dq_max[i]);
+      }
     }
     EXPECT_LE(most, 1) << "seed " << seed;
+    EXPECT_LT(fastest, 0.1) << "seed " << seed;
   }
   EXPECT_TRUE(has(held, HeldBy::kWall));
 }

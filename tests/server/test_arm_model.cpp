@@ -108,6 +108,7 @@ TEST(ArmModel, LimitsAreTheNarrowerOfTheRobotsAndTheTables) {
   for (const char* each : {"lower", "velocity", "effort"}) EXPECT_THROW(limits_with(each, NAN), std::invalid_argument) << each;
   EXPECT_EQ(limits_with("lower", 5.0).q_min, own.q_min) << "above upper";
   EXPECT_EQ(limits_with("upper", -3.5).q_max, own.q_max) << "below lower";
+  EXPECT_THROW(limits_with("upper", table.q_min[3] + 1.9 * kBeforeEnd), std::invalid_argument) << "nothing left";
 }
 
 TEST(ArmModel, ARangeThatThisArmCannotHaveIsRefused) {
