@@ -7,6 +7,7 @@
 
 #include "realtime/rotation.hpp"
 #include "realtime/ruckig_planner.hpp"
+#include "realtime/share_inside.hpp"
 #include "realtime/tick.hpp"
 
 namespace realtime {
@@ -1129,12 +1130,7 @@ void TorqueLimiter::beside(const Vector7& borne) noexcept {
 }
 
 double TorqueLimiter::share_inside(const Vector7& from, const Vector7& to) const noexcept {
-  double share = 1;
-  for (int i = 0; i < kJoints; ++i) {
-    const double room = to[i] > from[i] ? most_[i] - from[i] : from[i] - least_[i];
-    if (room < share * std::abs(to[i] - from[i])) share = std::max(room, 0.) / std::abs(to[i] - from[i]);
-  }
-  return share;
+  return realtime::share_inside(from, to - from, least_, most_);
 }
 
 bool TorqueLimiter::scale(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {

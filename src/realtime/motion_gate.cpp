@@ -10,6 +10,7 @@
 #include "realtime/felt_inertia.hpp"
 #include "realtime/power_taken.hpp"
 #include "realtime/rotation.hpp"
+#include "realtime/share_inside.hpp"
 
 namespace realtime {
 namespace {
@@ -194,19 +195,14 @@ bool MotionGate::elbow_is_clear(const Vector7& q) noexcept {
 // Shares of the joints' acceleration that leave what they bear no more than they can: an arm that is stretched out, and comes down,
 // cannot take all of it. Joints that brake do so all at once; of those that catch up nobody knows which way.
 MotionGate::Shares MotionGate::bearable() const noexcept {
-  Shares shares;
   const Reference& now = limiter_.last();
-  if (now.motion != Channels::kJoint) return shares;
+  if (now.motion != Channels::kJoint) return {};
   const Vector7 held = gravity_ + model_.coriolis();
   const Eigen::Array<bool, models::kJoints, 1> moves = now.joint.dq.array().abs() > kStill;
   const Vector7 brake = model_.mass() * Vector7(moves.select(-now.joint.dq.cwiseSign().cwiseProduct(ddq_max_), 0));
   const Vector7 most = model_.mass().cwiseAbs() * ddq_max_;
-  for (int i = 0; i < models::kJoints; ++i) {
-    const double room = tau_max_[i] - (brake[i] > 0 ? held[i] : -held[i]);
-    if (room < shares.braking * std::abs(brake[i])) shares.braking = room / std::abs(brake[i]);
-    shares.catching_up = std::min(shares.catching_up, (tau_max_[i] - std::abs(held[i])) / most[i]);
-  }
-  return {std::max(shares.braking, kLeastSpared), std::max(shares.catching_up, kLeastSpared)};
+  const double catching_up = (tau_max_ - held.cwiseAbs()).cwiseQuotient(most).minCoeff();
+  return {std::max(share_inside(held, brake, -tau_max_, tau_max_), kLeastSpared), std::clamp(catching_up, kLeastSpared, 1.)};
 }
 
 // Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does

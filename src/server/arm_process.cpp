@@ -226,8 +226,8 @@ class ArmProcess {
                                                   config_.settings.collision_behavior.value_or(robot::kCollisionBehavior));
 
     RecordedDriver recorded(driver, recorder_);
-    realtime::Loop loop(config_.lockstep ? static_cast<robot::Driver&>(recorded) : driver, model, limits, {config_.hold_time, config_.settings, {options_.allocations, &part_record().in_loop}},
-                        door_);
+    realtime::Loop loop(config_.lockstep ? static_cast<robot::Driver&>(recorded) : driver, model, limits,
+                        {config_.hold_time, config_.settings, {options_.allocations, &part_record().in_loop}}, door_);
     RealtimeReport report = realtime_;
     std::promise<void> prepared, go;
     std::thread thread([&] {

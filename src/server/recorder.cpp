@@ -94,7 +94,13 @@ bool RecordingFolder::make_room(const std::vector<fs::path>& open) const {
 // --- the recorder --------------------------------------------------------------------------------------------------
 
 Recorder::Recorder(BlackBox& box, const RecordingsConfig& config, const std::string& arm, const Gripper* gripper)
-    : box_(box), config_(config), arm_(arm), gripper_(gripper), folder_(config, arm), watched_(box.records), been_through_(box.records.written()) {
+    : box_(box),
+      config_(config),
+      arm_(arm),
+      gripper_(gripper),
+      folder_(config, arm),
+      watched_(box.records),
+      been_through_(box.records.written()) {
   thread_ = std::thread([this] { run(); });
 }
 

@@ -86,6 +86,18 @@ class SimulatedArm {
   realtime::Vector7 motor_inertia_;
 };
 
+// How much faster than the robot allows where it is a joint moves, as a share of its greatest speed; and from where on that ends the
+// motion.
+inline double too_fast(const SimulatedArm& arm, const models::Limits& limits) {
+  realtime::Vector7 excess;
+  for (int i = 0; i < models::kJoints; ++i) {
+    const double allowed = arm.dq[i] > 0 ? limits.dq_upper(i, arm.q[i]) : -limits.dq_lower(i, arm.q[i]);
+    excess[i] = (std::abs(arm.dq[i]) - allowed) / limits.dq_max[i];
+  }
+  return excess.maxCoeff<Eigen::PropagateNaN>();
+}
+inline constexpr double kTolerated = 0.1;
+
 // The arm as it is, as a reference at rest.
 inline realtime::Reference pose_reference(const SimulatedArm& arm) {
   realtime::Reference reference;

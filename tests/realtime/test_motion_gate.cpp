@@ -61,21 +61,29 @@ struct Following {
   Reference reference, home;
 };
 
-class StretchedArm : public testing::TestWithParam<const char*> {};
+// An arm with a hand that is not weightless, in random states.
+class LoadedArm : public testing::TestWithParam<const char*> {
+ protected:
+  LoadedArm() { model.set_tool(0.73, {-0.01, 0, 0.03}, Eigen::Matrix3d::Zero(), testing_tools::F_T_hand()); }
+
+  // The greatest torque, by what its joint can give, with which the model's state accelerates so.
+  double strain(const Vector7& ddq) const {
+    const Vector7 tau = model.mass() * ddq + model.coriolis() + model.gravity(down);
+    return tau.cwiseAbs().cwiseQuotient(Vector7::Map(limits.tau_max.data())).maxCoeff();
+  }
+
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  Model model{models::urdf(models::arm(GetParam()), 10)};
+  const Vector3 down{0, 0, -9.81};
+  std::mt19937 random{1};
+  std::uniform_real_distribution<double> share{0, 1};
+};
+
+class StretchedArm : public LoadedArm {};
 INSTANTIATE_TEST_SUITE_P(Arms, StretchedArm, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
 
 // All joints at once, from anywhere: with all that each may brake with, some postures would need more than joint 2 can.
 TEST_P(StretchedArm, brakes_with_what_its_joints_can_bear) {
-  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
-  Model model(models::urdf(models::arm(GetParam()), 10));
-  model.set_tool(0.73, {-0.01, 0, 0.03}, Eigen::Matrix3d::Zero(), testing_tools::F_T_hand());
-  const Vector3 down(0, 0, -9.81);
-  std::mt19937 random(1);
-  std::uniform_real_distribution<double> share(0, 1);
-  const auto strain = [&](const Vector7& ddq) {
-    const Vector7 tau = model.mass() * ddq + model.coriolis() + model.gravity(down);
-    return tau.cwiseAbs().cwiseQuotient(Vector7::Map(limits.tau_max.data())).maxCoeff();
-  };
   double worst = 0, worst_of_all = 0;
   for (int n = 0; n < 2000; ++n) {
     Reference reference;
@@ -105,12 +113,6 @@ TEST_P(StretchedArm, brakes_with_what_its_joints_can_bear) {
 
 // Likewise where it makes up at once for what it is behind.
 TEST_P(StretchedArm, catches_up_with_what_its_joints_can_bear) {
-  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
-  Model model(models::urdf(models::arm(GetParam()), 10));
-  model.set_tool(0.73, {-0.01, 0, 0.03}, Eigen::Matrix3d::Zero(), testing_tools::F_T_hand());
-  const Vector3 down(0, 0, -9.81);
-  std::mt19937 random(1);
-  std::uniform_real_distribution<double> share(0, 1);
   double worst = 0;
   for (int n = 0; n < 1000; ++n) {
     Reference reference, wanted;
@@ -126,24 +128,18 @@ TEST_P(StretchedArm, catches_up_with_what_its_joints_can_bear) {
       gate.observe(reference, model.gravity(down), nullptr);
       gate.follow(wanted, reference);
       model.update(reference.joint.q, reference.joint.dq);
-      const Vector7 tau = model.mass() * reference.joint.ddq + model.coriolis() + model.gravity(down);
-      worst = std::max(worst, tau.cwiseAbs().cwiseQuotient(Vector7::Map(limits.tau_max.data())).maxCoeff());
+      worst = std::max(worst, strain(reference.joint.ddq));
     }
   }
   EXPECT_LT(worst, 1.1);
 }
 
-class FastPose : public testing::TestWithParam<const char*> {};
+class FastPose : public LoadedArm {};
 INSTANTIATE_TEST_SUITE_P(Arms, FastPose, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
 
 // As a skill by poses may take over from joints that move at up to their greatest speed, with an arm that has stayed behind them: out
 // of reach, past singular postures and the ends of joints, where those that would follow it are no measure.
 TEST_P(FastPose, comes_to_rest_from_wherever_it_begins) {
-  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
-  Model model(models::urdf(models::arm(GetParam()), 10));
-  model.set_tool(0.73, {-0.01, 0, 0.03}, Eigen::Matrix3d::Zero(), testing_tools::F_T_hand());
-  std::mt19937 random(1);
-  std::uniform_real_distribution<double> share(0, 1);
   double longest = 0, farthest = 0;
   for (int n = 0; n < 300; ++n) {
     Vector7 q, dq, behind;

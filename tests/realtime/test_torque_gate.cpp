@@ -14,7 +14,9 @@
 namespace {
 
 using namespace realtime;
+using testing_tools::kTolerated;
 using testing_tools::SimulatedArm;
+using testing_tools::too_fast;
 
 // What a controller that pulls to and fro makes of an arm, with up to a share of what the joints can give.
 struct Pulled {
@@ -138,18 +140,6 @@ TEST(TorqueGate, AReducedTorqueIsBesideWhatTheArmWeighs) {
   EXPECT_GE(sent[1], -bounds.limits.tau_max[1]);
   EXPECT_LT(sent[1], -0.9 * bounds.limits.tau_max[1]);
 }
-
-// How much faster than the robot allows where it is a joint moves, as a share of its greatest speed; and from where on that ends the
-// motion.
-double too_fast(const SimulatedArm& arm, const models::Limits& limits) {
-  Vector7 excess;
-  for (int i = 0; i < models::kJoints; ++i) {
-    const double allowed = arm.dq[i] > 0 ? limits.dq_upper(i, arm.q[i]) : -limits.dq_lower(i, arm.q[i]);
-    excess[i] = (std::abs(arm.dq[i]) - allowed) / limits.dq_max[i];
-  }
-  return excess.maxCoeff<Eigen::PropagateNaN>();
-}
-constexpr double kTolerated = 0.1;
 
 // To and fro by far too stiff springs: torques that have far to fall, of joints that move each other.
 class SprungArm : public testing::TestWithParam<const char*> {};
