@@ -44,7 +44,8 @@ using namespace std::chrono_literals;
 constexpr auto kHeartbeat = 100ms;
 constexpr auto kReconnectPeriod = 500ms;
 constexpr auto kTellPeriod = 2s;
-// More than for others: an arm in lockstep is silent as long as its computer has no time for it, which is no sign that it is gone.
+// More than for others: an arm in lockstep, and what serves it, is silent as long as its computer has no time for it, which is no
+// sign that it is gone.
 constexpr auto kMorePatience = 9s;
 constexpr auto kHandTime = 500ms;   // that a client's first look at the arm may wait for its hand
 
@@ -162,10 +163,13 @@ class ArmProcess {
   void check_threads() {
     const auto now = clock_.now();
     const ArmOptions::Watchdogs& most = options_.watchdogs;
-    if (transport_alive_.silence(transport_.rounds(), true, now) > most.transport) hang("transport", part_record().in_loop);
+    const auto patience = config_.lockstep ? kMorePatience : 0ms;
+    if (transport_alive_.silence(transport_.rounds(), true, now) > most.transport + patience) {
+      hang("transport", part_record().in_loop);
+    }
     // Each a sign of its own: a publisher that has trouble is no loop that hangs.
     const std::uint64_t cycles = door_.records.written();
-    if (loop_alive_.silence(cycles, looping_, now) > most.loop + (config_.lockstep ? kMorePatience : 0ms) ||
+    if (loop_alive_.silence(cycles, looping_, now) > most.loop + patience ||
         // Of a step only what passes in it: the robot may have been silent before.
         step_alive_.silence(cycles, looping_ && part_record().in_loop != 0, now) > most.part) {
       hang("1 kHz loop", part_record().in_builder);
