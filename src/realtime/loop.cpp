@@ -247,7 +247,7 @@ void Loop::change_skill() noexcept {
     }
   }
   if (in_motion() && skill_ == nullptr) {
-    const bool prepares = next_ != nullptr && !(next_waits() && fits_motion(*next_));
+    const bool prepares = next_ != nullptr && !(next_waits() && (fits_motion(*next_) || !may_begin_early()));
     if (prepares || quit_ || faulty_ || state_.message_id >= hold_until_) {
       leave_motion();
     } else if (phase_ == Phase::kBraking && gate_.at_rest()) {
@@ -259,12 +259,13 @@ void Loop::change_skill() noexcept {
 
 // From a skill that waits to its first command: settings, Move, modes.
 void Loop::prepare_motion() noexcept {
-  if (phase_ == Phase::kIdle && (next_ != nullptr || !settings_.asked())) configure();
+  const bool due = next_ != nullptr && (may_begin_early() || next_->start_ns <= driver_.received_ns());
+  if (phase_ == Phase::kIdle && (due || (next_ == nullptr && !settings_.asked()))) configure();
   if (phase_ == Phase::kConfiguring) {
     settings_.post(driver_);
     if (settings_.answered()) {
       phase_ = Phase::kIdle;
-      if (next_ != nullptr) start_motion();
+      if (due) start_motion();
     } else if (overdue()) {
       phase_ = Phase::kIdle;
       drop_next(Ending::kRefused, settings_.silent(), fci::Status::kFailed);
@@ -313,7 +314,7 @@ void Loop::end_softly(SoftEnding& ending) noexcept {
   gate_.place(cycle_.q);
   gate_.reset(reference_);
   fade_time_ = left_over_.duration();
-  if (!complies) return;
+  if (!complies) return skill_->controller->stay();
   std::swap(skill_->controller, ending.law);
   skill_->numbers.controller = 0;
   Reference unmoved = reference_;
@@ -351,6 +352,7 @@ void Loop::generate_reference() noexcept {
     }
     held_by_ |= when(skill_->trajectory->limited(), HeldBy::kMotionLimits);
     trajectory_over_ &= !rejoin_.active() && (!held_back_ || gate_.stuck());  // not before the reference is there as well
+    trajectory_over_ |= gate_.stuck() && skill_->trajectory->has_end();       // which is as far as it goes
     reference_.wrench = wanted_.wrench;
     reference_.torque = wanted_.torque;
     if (!is_finite(wanted_)) watch_.not_finite(PartWatch::kTrajectory, skill_->numbers.trajectory);
@@ -602,10 +604,14 @@ bool Loop::follows_failure(const Skill& skill) const noexcept { return skill.aft
 bool Loop::next_waits() const noexcept {
   if (next_->start_ns > driver_.received_ns()) return true;
   if (next_->after == 0 || skill_ == nullptr) return false;
-  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && fits_motion(*next_) && skill_->trajectory->has_end() &&
+  const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && !waits_for_start() && fits_motion(*next_) &&
+                      skill_->trajectory->has_end() &&
                       path_.lasts(duration(*skill_) - path_.time()) <= next_->blend;
   return !blends;
 }
+
+// What leads the arm lets it rest until the start time; another controller would have its way with it.
+bool Loop::may_begin_early() const noexcept { return next_->controller->leads(); }
 
 void Loop::hold() noexcept {
   phase_ = Phase::kHolding;
@@ -641,7 +647,6 @@ void Loop::start_skill() noexcept {
   success_rate_ = 1;
   skill_held_by_ = HeldBy::kNothing;
   first_command_ns_ = 0;
-  trajectory_over_ = held_back_ = false;
   after_contact_ = AfterContact::kNoContact;
   cycle_.time = 0;
   watch_.reset();
@@ -730,6 +735,7 @@ bool Loop::waits_for_start() const noexcept {
 void Loop::start_trajectory(double speed_before) noexcept {
   path_.start(skill_->speed);
   trajectory_began_ = cycle_.time;
+  trajectory_over_ = held_back_ = false;
   slowed_ = 0;
   waited_ = false;
   rejoin_.stop();
@@ -856,6 +862,7 @@ void Loop::begin_motion() noexcept {
   faulty_ = false;
   held_.setZero();
   ticks_ = 1;
+  cycle_.dq_ref.setZero();  // it may be that of a motion which has failed
   gate_.place(cycle_.q);
   gate_.walls().begin();
   if (releases_) return let_go();
@@ -932,6 +939,7 @@ void Loop::recover() noexcept {
 }
 
 void Loop::answer_recovery(bool recovered, fci::Status status) noexcept {
+  door_.recover = false;  // whoever has asked meanwhile is told this too
   if (phase_ == Phase::kRecovering) phase_ = recovered ? Phase::kIdle : Phase::kError;
   recovery_id_.reset();
   const auto record = lost_ ? std::nullopt : std::optional(door_.records.written());  // publish() is still to come

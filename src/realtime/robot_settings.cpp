@@ -1,6 +1,7 @@
 #include "realtime/robot_settings.hpp"
 
 #include <algorithm>
+#include <optional>
 #include <variant>
 
 namespace realtime {
@@ -21,17 +22,24 @@ void for_each_change(const robot::Settings& skill, const robot::Settings& base, 
   compare(&robot::Settings::cartesian_impedance);
 }
 
-// Notes that the robot has accepted a setting.
+// Notes that the robot has accepted a setting, or that nobody knows whether it has.
 struct Remember {
   robot::Settings& in_force;
-  void operator()(const fci::SetJointImpedance& value) const { in_force.joint_impedance = value; }
-  void operator()(const fci::SetCartesianImpedance& value) const { in_force.cartesian_impedance = value; }
-  void operator()(const fci::SetCollisionBehavior& value) const { in_force.collision_behavior = value; }
-  void operator()(const fci::SetEEToK& value) const { in_force.EE_T_K = value; }
-  void operator()(const fci::SetNEToEE& value) const { in_force.NE_T_EE = value; }
-  void operator()(const fci::SetLoad& value) const { in_force.load = value; }
+  bool known = true;
+  void operator()(const fci::SetJointImpedance& value) const { note(in_force.joint_impedance, value); }
+  void operator()(const fci::SetCartesianImpedance& value) const { note(in_force.cartesian_impedance, value); }
+  void operator()(const fci::SetCollisionBehavior& value) const { note(in_force.collision_behavior, value); }
+  void operator()(const fci::SetEEToK& value) const { note(in_force.EE_T_K, value); }
+  void operator()(const fci::SetNEToEE& value) const { note(in_force.NE_T_EE, value); }
+  void operator()(const fci::SetLoad& value) const { note(in_force.load, value); }
   template <class Other>
   void operator()(const Other&) const {}
+
+ private:
+  template <class Setting>
+  void note(std::optional<Setting>& setting, const Setting& value) const {
+    setting = known ? std::optional(value) : std::nullopt;
+  }
 };
 
 }  // namespace
@@ -44,6 +52,10 @@ bool RobotSettings::in_force(const robot::Settings& skill) const noexcept {
 
 void RobotSettings::ask(const robot::Settings& skill) noexcept {
   asked_ = true;
+  for (std::size_t i = 0; i < count_; ++i) {
+    const Setter& before = setters_[i];
+    if (before.id && !before.answered) std::visit(Remember{in_force_, false}, before.request);
+  }
   count_ = 0;
   for_each_change(skill, base_, in_force_, [&](const auto& setting) { setters_[count_++] = Setter{setting, std::nullopt, false}; });
 }

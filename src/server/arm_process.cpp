@@ -19,6 +19,7 @@
 #include "robot/fci_driver.hpp"
 #include "server/arm_model.hpp"
 #include "server/doorkeeper.hpp"
+#include "server/ending_signals.hpp"
 #include "server/gripper.hpp"
 #include "server/keys.hpp"
 #include "server/part_record.hpp"
@@ -108,10 +109,7 @@ class ArmProcess {
   // --- the thread of main(): signals, heartbeat, hangs ---
 
   void watch() {
-    sigset_t signals;
-    sigemptyset(&signals);
-    sigaddset(&signals, SIGINT);
-    sigaddset(&signals, SIGTERM);
+    const sigset_t signals = ending_signals();
     constexpr timespec period{0, std::chrono::nanoseconds(kHeartbeat).count()};
     while (sigtimedwait(&signals, nullptr, &period) < 0) {
       check_threads();
@@ -318,10 +316,7 @@ class ArmProcess {
 
 int run_arm(const ArmConfig& config, const RecordingsConfig& recordings, const ArmOptions& options) {
   // For watch(), and blocked in all threads, which inherit it.
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGINT);
-  sigaddset(&signals, SIGTERM);
+  const sigset_t signals = ending_signals();
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   spdlog::set_pattern("[%H:%M:%S.%e] [" + config.name + "] %^%l%$ %v");
   try {

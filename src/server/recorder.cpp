@@ -119,6 +119,10 @@ std::string Recorder::keep(const std::string& why) {
 
 proto::RecordingStatus Recorder::ask(const proto::Record& request) {
   const std::lock_guard lock(mutex_);
+  if (request.on() && !asked_for_) {  // what stood in the way of others may be gone
+    status_.clear_error();
+    tries_again_ = true;
+  }
   if (request.has_on()) asked_for_ = request.on();
   return status_;
 }
@@ -128,6 +132,10 @@ void Recorder::run() {
     const std::uint64_t there = box_.records.written();
     watch();
     note_gripper();
+    {
+      const std::lock_guard lock(mutex_);
+      if (std::exchange(tries_again_, false)) retry_ = {};
+    }
     if (!wanted()) {
       close(running_);
     } else if (!running_ && Clock::now() >= retry_) {

@@ -94,7 +94,7 @@ class Recorder {
   std::uint64_t skill_began_ = 0, skill_last_seen_ = 0;  // how many records there were before; 0: no skill yet
 
   mutable std::mutex mutex_;
-  bool asked_for_ = false;
+  bool asked_for_ = false, tries_again_ = false;
   std::string keep_why_, keep_file_;  // what is to be kept, and the file of what is or was last
   bool keeps_ = false;                // keep_file_ is open
   frankapy::proto::RecordingStatus status_;

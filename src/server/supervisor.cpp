@@ -1,3 +1,4 @@
+#include "server/ending_signals.hpp"
 #include "server/supervisor.hpp"
 
 #include <fcntl.h>
@@ -263,10 +264,7 @@ class Supervisor {
   }
 
   int run() {
-    sigset_t signals;
-    sigemptyset(&signals);
-    sigaddset(&signals, SIGINT);
-    sigaddset(&signals, SIGTERM);
+    const sigset_t signals = ending_signals();
     sigprocmask(SIG_BLOCK, &signals, nullptr);
     const int signal_fd = signalfd(-1, &signals, SFD_CLOEXEC);
     std::printf("listening on %s\n", socket_.get(zmq::sockopt::last_endpoint).c_str());

@@ -844,6 +844,20 @@ def test_thresholds_of_contact_are_those_of_a_skill_and_cost_the_robot_no_rest(i
 # --- a time to begin at ----------------------------------------------------------------------------------------------
 
 
+def test_what_only_pushes_does_not_before_its_start_time(fa):
+    before, at = fa.get_joints(), time.time() + 0.5
+    law = PassThroughJointTorque(torque=[0, 0, 0, 0, 0, 0, 3], selection=[0] * 6 + [1])
+    fa.run(StayJoint(1), law, Time(0.1), start_time=at, block=False)
+    time.sleep(0.2)
+    joints = fa.get_joints()
+    if time.time() < at:  # this computer was quick enough
+        np.testing.assert_allclose(joints, before, atol=1e-3)
+    fa.wait_for_skill()
+    assert fa.last_skill_result.ending == proto.TERMINATED
+    assert fa.get_joints()[6] - before[6] > 1e-3
+    fa.reset_joints(2)
+
+
 def test_a_skill_begins_at_its_start_time(fa):
     at = time.time() + 1
     fa.run(MinJerkJoint(NEAR, 1), start_time=at, block=False)

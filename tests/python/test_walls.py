@@ -234,6 +234,16 @@ def test_a_wall_comes_while_a_skill_runs(walled, ideal_arm):
     assert gap(ideal_arm.truth(first)) > 0.009
 
 
+def test_a_call_ends_at_a_wall_that_comes_across_its_way(walled, ideal_arm):
+    with ideal_arm.standing_still():
+        walled.goto_joints(LEFT, duration=30, block=False)
+        ideal_arm.simulation.step(5000)
+        walled.walls.add("glass", WALL)
+    walled.wait_for_skill()
+    assert walled.last_skill_result.ending == proto.TERMINATED
+    assert walled.last_skill_result.wall == "glass"
+
+
 def test_what_is_held_is_kept_from_the_arm_itself(walled, ideal_arm):
     stick = Capsule(0.01, 0.3, RigidTransform(RigidTransform.y_axis_rotation(np.pi / 2), [-0.15, 0, 0]))  # towards the arm
     back = RelativeMinJerkPose([-0.17, 0, 0], frame="base", duration=20)

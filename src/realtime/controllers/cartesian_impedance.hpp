@@ -59,6 +59,7 @@ class CartesianImpedance : public Controller {
 
   // Moves the reference pose where there is stiffness, as far as the integral does not do, and the posture for the null space.
   void start(const Cycle& cycle, Reference& reference) noexcept override;
+  void stay() noexcept override { integral_.setZero(); }
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;
 
   // Between the axes of O and those of the stiffness.

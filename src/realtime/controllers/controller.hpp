@@ -35,6 +35,10 @@ class Controller : public Part {
   // the same torque from there (torque control only; velocity and acceleration stay). A difference that is left fades away.
   virtual void start(const Cycle& cycle, Reference& reference) noexcept = 0;
 
+  // The arm has touched something, and the reference now rests where it is: what a law has summed up on the way there would go on
+  // pressing.
+  virtual void stay() noexcept {}
+
   // Torque for this cycle, N m, without gravity, which the robot compensates. Not called where the robot's own controller
   // tracks the reference; after start() called twice in that cycle.
   virtual void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept = 0;

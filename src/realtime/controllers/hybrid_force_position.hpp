@@ -44,6 +44,7 @@ class HybridForcePosition : public Controller {
   robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
 
   void start(const Cycle& cycle, Reference& reference) noexcept override;
+  void stay() noexcept override { motion_.stay(); }
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;
 
  private:

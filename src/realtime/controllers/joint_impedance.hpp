@@ -38,6 +38,7 @@ class JointImpedance : public Controller {
 
   // Moves q_ref of the joints that have stiffness.
   void start(const Cycle& cycle, Reference& reference) noexcept override;
+  void stay() noexcept override { integral_.setZero(); }
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;
 
  private:
