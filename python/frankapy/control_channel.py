@@ -351,16 +351,19 @@ class ControlChannel:
         elif request.HasField("take_image"):
             patience += _DRAWING
         with self._lock:
-            if self._socket is None:
-                self._require_somebody()
-                self._socket = zmq.Context.instance().socket(zmq.REQ)
-                self._socket.setsockopt(zmq.LINGER, 0)
-                self._socket.connect(f"tcp://{self._address}:{CONTROL_PORT}")
-            self._socket.send(request.SerializeToString())
-            if not self._socket.poll(round(patience * 1000)):
+            try:
+                if self._socket is None:
+                    self._require_somebody()
+                    self._socket = zmq.Context.instance().socket(zmq.REQ)
+                    self._socket.setsockopt(zmq.LINGER, 0)
+                    self._socket.connect(f"tcp://{self._address}:{CONTROL_PORT}")
+                self._socket.send(request.SerializeToString())
+                if not self._socket.poll(round(patience * 1000)):
+                    raise self._nobody(f"within {patience:g} s")
+                reply = proto.SimulationReply.FromString(self._socket.recv())
+            except BaseException:  # Ctrl-C too: a REQ that has not received sends nothing any more
                 self._drop()
-                raise self._nobody(f"within {patience:g} s")
-            reply = proto.SimulationReply.FromString(self._socket.recv())
+                raise
         if reply.HasField("error"):
             raise FrankaArmArgumentError(reply.error)
         return reply

@@ -715,3 +715,13 @@ def test_many_strangers_neither_stop_a_motion_nor_take_memory():
 def test_nobody_there_is_said():
     with pytest.raises(FrankaArmCommException, match="does fci-sim run"):
         ControlChannel(free_address())
+
+
+def test_after_ctrl_c_in_a_call_the_next_one_is_answered(sim, monkeypatch):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(zmq.Socket, "poll", interrupted)
+        sim.truth()
+    assert sim.truth().cycle > 0
