@@ -12,6 +12,7 @@ import itertools
 import os
 import threading
 import time
+import weakref
 from collections.abc import Callable
 
 import zmq
@@ -196,7 +197,6 @@ class Channel:
     def __init__(self, endpoint: str, how_it_ended: Callable[[], str], key: ClientKey | None = None) -> None:
         self.endpoint = endpoint
         self._key = key
-        self._how_it_ended = how_it_ended
         self.lost: str | None = None  # why, once it is
         self._ids = itertools.count(1)
         self._outgoing: collections.deque[Call | None] = collections.deque()
@@ -204,8 +204,11 @@ class Channel:
         self._pending: dict[int, Call] = {}
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_write, False)
+        # When nobody has this channel any more, neither its thread nor who writes: their numbers may then be of other files.
+        weakref.finalize(self, _close, os.getpid(), self._wake_read, self._wake_write).atexit = False
         self._context = zmq.Context()
-        self._thread = threading.Thread(target=self._run, name=f"frankapy {endpoint}", daemon=True)
+        # The thread alone holds how_it_ended, which leads back to the channel's owner.
+        self._thread = threading.Thread(target=self._run, args=(how_it_ended,), name=f"frankapy {endpoint}", daemon=True)
         self._thread.start()
 
     def send(self, request: proto.Request) -> Call:
@@ -238,10 +241,10 @@ class Channel:
     def _wake(self) -> None:
         try:
             os.write(self._wake_write, b"\0")
-        except OSError:  # full: it is awake; closed: it has ended
+        except BlockingIOError:  # full: it is awake, or has ended
             pass
 
-    def _run(self) -> None:
+    def _run(self, how_it_ended: Callable[[], str]) -> None:
         dealer = self._context.socket(zmq.DEALER)
         dealer.linger = 200  # ms, for Goodbye
         monitor = dealer.get_monitor_socket(zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
@@ -300,7 +303,7 @@ class Channel:
                 if is_unknown_key(monitor):
                     reason = unknown_key(self.endpoint, self._key)
                     continue
-                how = self._how_it_ended()
+                how = how_it_ended()
                 reason = (
                     f"The arm's process at {self.endpoint} {how}; it is started again within 2 s. The server's log may say "
                     f"more."
@@ -326,5 +329,9 @@ class Channel:
         monitor.close(linger=0)
         dealer.close()
         self._context.term()
-        os.close(self._wake_read)
-        os.close(self._wake_write)
+
+
+def _close(process: int, *files: int) -> None:
+    if os.getpid() == process:  # one that was forked may have closed all that it inherited, and opened others
+        for file in files:
+            os.close(file)

@@ -1,8 +1,10 @@
 """The client towards a server that misbehaves, and its own bookkeeping; no arm."""
 
+import gc
 import inspect
 import logging
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -237,6 +239,30 @@ def test_a_server_that_ends_fails_what_waits_at_once():
     with pytest.raises(FrankaArmCommException, match="frankapy sim"):
         arm.goto_joints(HOME, 1)
     arm.close()
+
+
+def test_what_is_lost_with_its_server_writes_into_no_file_that_was_opened_since():
+    with ScriptedServer() as server:
+        arm = FrankaArm(server=server.address)
+    lost = arm._connection._channel
+    lost._thread.join()
+    pairs = [socket.socketpair() for _ in range(20)]  # take the numbers that are free
+    ends = [end for pair in pairs for end in pair]
+    arm.close()
+    assert not select.select(ends, [], [], 0)[0]
+    for end in ends:
+        end.close()
+
+
+def test_a_channel_that_nobody_has_leaves_no_files_open(server):
+    def open_files():
+        return len(os.listdir("/proc/self/fd"))
+
+    FrankaArm(server=server.address).close()
+    before = open_files()
+    for _ in range(5):
+        FrankaArm(server=server.address).close()
+    wait_until(lambda: gc.collect() >= 0 and open_files() <= before)
 
 
 def test_many_threads_may_read(arm):
