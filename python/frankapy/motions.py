@@ -108,8 +108,7 @@ class Motions:
                 self._server.stop_commands()
             if not block or self.sequence is not None:
                 return None
-            self.wait(motion, ignore_errors)
-            return self.last_result
+            return self.wait(motion, ignore_errors)
         except (KeyboardInterrupt, SystemExit):
             self._server.stop_commands()
             raise
@@ -208,16 +207,17 @@ class Motions:
         """Wait in a coroutine for the end of the motion that was last sent, which is stopped where the coroutine is cancelled."""
         import asyncio  # which takes its time
 
+        result = None
         if (motion := self.running) is not None:
             stop = proto.Request(stop_skill=proto.StopSkill())
             await answered(lambda: motion.result(timeout=0), lambda: self._server.send(stop))
-            await asyncio.to_thread(self.wait, motion, ignore_errors)
-        return self.last_result
+            result = await asyncio.to_thread(self.wait, motion, ignore_errors)
+        return self.last_result if result is None else result
 
-    def wait(self, motion: Motion, ignore_errors: bool) -> None:
-        """Wait for the end of a motion and judge it, once.
+    def wait(self, motion: Motion, ignore_errors: bool) -> proto.SkillResult | None:
+        """Wait for the end of a motion, judge it, and return its result.
 
-        Raises FrankaArmException for one that failed where errors are not ignored, FrankaArmFrankaInterfaceNotReadyException where
+        Raises, of each thread that waits for it, FrankaArmException for one that failed where errors are not ignored, FrankaArmFrankaInterfaceNotReadyException where
         a person has to look at the arm, FrankaArmCommException where the connection was lost.
         """
         try:
@@ -233,7 +233,7 @@ class Motions:
             raise
         except FrankaArmException:
             pass  # found again below
-        self._judge(motion, ignore_errors)
+        return self._judge(motion, ignore_errors)
 
     def is_done(self, ignore_errors: bool = True) -> bool:
         """Return whether the motion that was last sent has ended; raises as `wait` does, once."""
@@ -252,28 +252,46 @@ class Motions:
                 raise
         return True
 
-    def _judge(self, motion: Motion, ignore_errors: bool) -> None:
+    def _judge(self, motion: Motion, ignore_errors: bool) -> proto.SkillResult | None:
+        """Return the result of one that has ended: told of, and recovered from, once; raised for whoever does not ignore errors."""
+        result: proto.SkillResult | None = None
+        lost: FrankaArmException | None = None
+        try:
+            result = motion.result(timeout=0)
+        except FrankaArmException as error:
+            lost = error
         with self._judging:
+            judged, motion.judged = motion.judged, True
+            if result is not None and not judged:
+                self.last_result = motion.ended = result
             if self.running is motion:
                 self.running = None
-            judged, motion.judged = motion.judged, True
-        if judged or (result := motion.result(timeout=0)) is None:
-            return
-        self.last_result = motion.ended = result
+        if lost is not None:
+            raise lost
+        if result is None:
+            return None
+        if not judged:
+            self._tell(motion, result)
+        if result.ending in _GOOD_ENDINGS:
+            return result
+        text = f"{motion.name} ended with {proto.Ending.Name(result.ending)}: {result.message or ', '.join(result.errors)}"
+        if not ignore_errors:
+            raise FrankaArmException(advised(text), result)
+        if not judged:
+            logger.warning("%s", text)
+            if result.ending in (proto.ROBOT_ERROR, proto.REFUSED) and not result.recovery.recovered:
+                self._server.wait_until_ready(under=motion.recovery)
+        return result
+
+    @staticmethod
+    def _tell(motion: Motion, result: proto.SkillResult) -> None:
+        """Say what of a motion was not as it was asked for, though it may have ended well."""
         if result.stretch > _STRETCH_WORTH_A_WORD and not motion.led:
             logger.warning("%s was too fast for the arm and took %.2f times as long.", motion.name, result.stretch)
         if result.wall:
             logger.warning("%s was held back by the wall %r.", motion.name, result.wall)
-        if result.ending in _GOOD_ENDINGS:
-            if result.message and not motion.led:
-                logger.warning("%s has ended, but %s", motion.name, result.message)
-            return
-        text = f"{motion.name} ended with {proto.Ending.Name(result.ending)}: {result.message or ', '.join(result.errors)}"
-        if not ignore_errors:
-            raise FrankaArmException(advised(text), result)
-        logger.warning("%s", text)
-        if result.ending in (proto.ROBOT_ERROR, proto.REFUSED) and not result.recovery.recovered:
-            self._server.wait_until_ready(under=motion.recovery)
+        if result.ending in _GOOD_ENDINGS and result.message and not motion.led:
+            logger.warning("%s has ended, but %s", motion.name, result.message)
 
 
 def _show(motion: Motion) -> None:

@@ -165,6 +165,26 @@ def test_is_skill_done_raises_when_errors_are_not_ignored(server, arm):
     assert arm.is_skill_done()
 
 
+def test_who_waits_is_told_of_a_failure_that_another_thread_has_seen(server, arm, caplog):
+    arm.goto_joints(HOME, 1)
+    server.result = {"ending": proto.ROBOT_ERROR, "message": "cartesian_reflex", "recovery": proto.Recovery(recovered=True)}
+    arm.goto_joints(HOME, 1, block=False)
+    motion = arm._motions.running
+    wait_until(arm.is_skill_done)  # of a thread that looks, and ignores errors
+    with pytest.raises(FrankaArmException, match="cartesian_reflex") as raised:
+        arm._motions.wait(motion, ignore_errors=False)
+    assert raised.value.result.skill_id == motion.id
+    assert arm._motions.wait(motion, ignore_errors=True).skill_id == motion.id
+    assert caplog.text.count("cartesian_reflex") == 1
+
+
+def test_a_motion_that_failed_in_a_sequence_is_raised_by_it_however_it_was_looked_at(server, arm):
+    server.result = {"ending": proto.ROBOT_ERROR, "message": "cartesian_reflex", "recovery": proto.Recovery(recovered=True)}
+    with pytest.raises(FrankaArmException, match="cartesian_reflex"), arm.sequence():
+        arm.goto_joints(HOME, 1, ignore_errors=False)
+        arm.wait_for_skill()
+
+
 def test_a_second_command_while_one_runs_is_refused(server, arm):
     server.skill_time = 10
     arm.goto_joints(HOME, 1, block=False)
