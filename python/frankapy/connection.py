@@ -49,8 +49,11 @@ _NO_ANSWER = (
 _LEASE_TICK = 0.05  # s
 _LEASE_TIME = 1.0  # s after which the lease of a client that was killed has fallen free
 _END_TIME = 1.0  # s that the supervisor may need to say how an arm's process ended, or to be there again
+_SHORT = 16 << 10  # bytes of a request that a server reads at once (kShort of src/server/inbox.cpp)
 _MAX_REQUEST = 8 << 20  # bytes; a longer one would end its connection (kMaxMessage of src/server/transport.cpp)
 
+# Requests for which a server builds something: of one client it takes one at a time.
+_BUILT = ("start_skill", "change_skill", "check_skill")
 # Requests that may come twice: where the arm's process ended before its answer, its successor is asked.
 _REPEATABLE = ("get_state", "get_server_status", "list_topics", "skill_status", "stop_skill")
 
@@ -64,9 +67,17 @@ def server_address(server: str | None = None) -> tuple[str, int]:
     host, colon, port = text.removeprefix("tcp://").rpartition(":")
     if not colon:
         host, port = port, str(DEFAULT_PORT)
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+    if not _is_host(host) or not port.isdecimal() or not 0 < int(port) < 65536:
         raise FrankaArmArgumentError(f"{name} is {text!r}: expected host or host:port, as in {DEFAULT_SERVER!r}")
     return host, int(port)
+
+
+def _is_host(name: str) -> bool:
+    try:
+        name.encode("idna")  # as sockets do with it
+    except UnicodeError:  # an empty part, or one of more than 63 letters
+        return False
+    return name != ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -249,6 +260,7 @@ class Connection:
         self.key: ClientKey | None = None
         self._robot_num = robot_num
         self._lock = threading.Lock()  # of opening
+        self._building = threading.Lock()  # from what the server builds to its first answer
         self._closed = False
         self._has_commanded = False
         self._pid = os.getpid()
@@ -286,6 +298,7 @@ class Connection:
 
         Sent once more when the arm's process does not know this client, and what may come twice when that process has ended. A
         first command is sent again for a second while another client has the arm: one that was killed has it for a moment still.
+        Threads whose requests the server takes one at a time wait for each other, at most until that first answer.
 
         Raises what an error stands for, FrankaArmCommException when the arm's process is gone.
         """
@@ -302,6 +315,12 @@ class Connection:
                 return call
 
     def _start(self, request: proto.Request) -> Call:
+        if request.WhichOneof("call") in _BUILT or request.ByteSize() > _SHORT:
+            with self._building:
+                return self._answered(request)
+        return self._answered(request)
+
+    def _answered(self, request: proto.Request) -> Call:
         call = self.send(request)
         try:
             call.first()

@@ -69,7 +69,7 @@ def test_without_a_server_the_error_says_how_to_get_one():
         FrankaArm(server=f"{free_address()}:5757")
 
 
-@pytest.mark.parametrize("name", ["127.0.0.1:x", ":5757", "127.0.0.1:0", "127.0.0.1:70000"])
+@pytest.mark.parametrize("name", ["127.0.0.1:x", ":5757", "127.0.0.1:0", "127.0.0.1:70000", "192.168.1..10", "x" * 70])
 def test_an_address_that_is_none_is_refused_by_name(name):
     with pytest.raises(FrankaArmArgumentError, match="expected host or host:port"):
         FrankaArm(server=name)
@@ -474,6 +474,26 @@ def test_of_two_threads_that_start_a_motion_one_is_refused_as_documented(server,
     assert [type(error) for error in refused] == [FrankaArmArgumentError]
     assert "previous skill is active" in refused[0].message
     assert len(server.calls("start_skill")) == 1
+    arm.stop_skill()
+
+
+def test_threads_whose_skills_the_server_builds_wait_for_each_other_and_for_no_motion(server, arm):
+    server.skill_time = 30
+    server.withholds = {"skill_started"}
+    threads = [
+        threading.Thread(target=lambda: arm.goto_joints(HOME, 1, block=False)),
+        threading.Thread(target=lambda: arm.check(proto.StayJoint())),
+    ]
+    threads[0].start()
+    wait_until(lambda: server.calls("start_skill"))
+    threads[1].start()
+    threads[1].join(0.2)  # however far it comes
+    assert not server.calls("check_skill")
+    assert list(arm.get_joints()) == HOME
+    server.withholds = set()
+    for thread in threads:
+        thread.join()
+    assert len(server.calls("check_skill")) == 1 and not arm.is_skill_done()
     arm.stop_skill()
 
 
