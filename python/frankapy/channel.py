@@ -48,13 +48,28 @@ _EXCEPTIONS = {
 }
 # Answers after which another of the same request follows.
 _PRELIMINARY = ("skill_started", "gripper_started")
-# Requests that take the arm for this client, or need it.
-COMMANDS = ("start_skill", "change_skill", "gripper", "recover")
+# Requests that take the arm for this client, or need it; those that also read, where one of these fields is there.
+_COMMANDS: dict[str, tuple[str, ...]] = {
+    "start_skill": (),
+    "change_skill": (),
+    "gripper": (),
+    "recover": (),
+    "change_walls": ("remove", "put"),
+    "change_limits": ("limits", "reset", "most"),
+}
 # The server's texts are for clients in any language: how what they advise is called here.
 _ADVICE = [
     ("then recover", "fa.recover()"),
     ("preempt", "fa.wait_for_skill(), fa.stop_skill(), fa.run(..., preempt=True), or both motions in fa.sequence()"),
 ]
+
+
+def is_command(request: proto.Request) -> bool:
+    """Whether a request takes the arm for this client, or needs it."""
+    kind = str(request.WhichOneof("call"))
+    if not (changes := _COMMANDS.get(kind)):
+        return kind in _COMMANDS
+    return any(field.name in changes and value is not False for field, value in getattr(request, kind).ListFields())
 
 
 def raise_error(reply: proto.Reply) -> None:
@@ -283,7 +298,7 @@ class Channel:
                     dealer.send(proto.Request(request_id=0, goodbye=proto.Goodbye()).SerializeToString())
                     reason = "This connection was closed."
                     break
-                commands = commands or call.kind in COMMANDS
+                commands = commands or is_command(call.request)
                 transmit(call)
             while dealer.poll(0):
                 reply = parse_reply(dealer.recv())

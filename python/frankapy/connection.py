@@ -16,7 +16,7 @@ import zmq
 
 from frankapy import channel as channels
 from frankapy import proto
-from frankapy.channel import COMMANDS, Call, Channel, parse_reply, raise_error
+from frankapy.channel import Call, Channel, is_command, parse_reply, raise_error
 from frankapy.client_key import KEY_VARIABLE, ClientKey, find_key, usual_file
 from frankapy.exceptions import (
     FrankaArmArgumentError,
@@ -311,7 +311,7 @@ class Connection:
                     raise
                 time.sleep(_LEASE_TICK)
             else:
-                self._has_commanded |= call.kind in COMMANDS
+                self._has_commanded |= is_command(request)
                 return call
 
     def _start(self, request: proto.Request) -> Call:

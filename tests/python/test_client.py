@@ -206,8 +206,23 @@ def test_a_commanding_client_says_that_it_is_alive(server, arm):
     wait_until(lambda: len(server.calls("alive")) >= 4)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        proto.Request(change_walls=proto.ChangeWalls(put=[proto.Wall(name="table", plane=proto.Wall.Plane())])),
+        proto.Request(change_walls=proto.ChangeWalls(remove=["table"])),
+        proto.Request(change_limits=proto.ChangeLimits(reset=True)),
+    ],
+)
+def test_a_client_that_changes_what_bounds_the_arm_says_that_it_is_alive(server, arm, change):
+    arm._connection.ask(change)
+    wait_until(lambda: len(server.calls("alive")) >= 4)
+
+
 def test_a_reading_client_is_quiet(server, arm):
     arm.get_joints()
+    list(arm.walls)
+    repr(arm.limits)
     before = len(server.calls("alive"))
     time.sleep(0.5)
     assert len(server.calls("alive")) <= before + 1  # which may have been on its way
