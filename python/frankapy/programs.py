@@ -26,39 +26,59 @@ _STARTED_BY = "FRANKAPY_STARTED_BY"  # environment of its children: its process 
 class Child:
     """A program that ends with this one, and what it writes."""
 
-    def __init__(self, command: Sequence[str], log: IO[str] | None, processor: int | None = None) -> None:
+    def __init__(self, command: Sequence[str], ready: str, log: IO[str] | None, processor: int | None = None) -> None:
+        """Start it, on this processor alone (None: on any).
+
+        `ready`: how the line begins with which it says that it is ready, the last that `first_line` finds.
+
+        Raises FrankaArmException when it cannot be started.
+        """
         self.name = Path(command[0]).name
+        self._ready = ready
         self._log = log
         self._lines: list[str] = []
         self._first: queue.SimpleQueue[str] = queue.SimpleQueue()
-
-        def before_start() -> None:
-            die_with_parent()  # when the script is killed
-            if processor is not None:
-                os.sched_setaffinity(0, {processor})
-
-        self.process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            start_new_session=True,  # Ctrl-C is for the script, which then ends its children
-            preexec_fn=before_start,
-            env=os.environ | {_STARTED_BY: str(os.getpid())},
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._tried = threading.Event()
+        self._failure: Exception | None = None
+        self.process: subprocess.Popen[str]
+        # The kernel takes the thread that starts a program for its parent: one that lives as long as the program does.
+        self._reader = threading.Thread(target=self._run, args=(command, processor), daemon=True)
         self._reader.start()
+        try:
+            self._tried.wait()
+        except BaseException:  # Ctrl-C: nobody has what is being started
+            self._tried.wait()
+            if self._failure is None:
+                self.stop()
+            raise
+        if self._failure is not None:
+            raise FrankaArmException(f"{command[0]} cannot be started: {self._failure}") from self._failure
+
+    def _run(self, command: Sequence[str], processor: int | None) -> None:
+        try:
+            self.process = _start(command, processor)
+        except Exception as error:  # whoever waits for the start raises it
+            self._failure = error
+            return
+        finally:
+            self._tried.set()
+        self._read()
+        self.process.wait()
 
     def _read(self) -> None:
         assert self.process.stdout is not None
+        is_ready = False
         for line in self.process.stdout:
             self._lines.append(line.rstrip("\n"))
             del self._lines[:-200]
-            self._first.put(self._lines[-1])
+            if not is_ready:
+                self._first.put(self._lines[-1])
+                is_ready = line.startswith(self._ready)
             if self._log is not None:
-                print(f"{self.name}: {line}", end="", file=self._log, flush=True)
+                try:
+                    print(f"{self.name}: {line}", end="", file=self._log, flush=True)
+                except (OSError, ValueError):  # full or closed: no reason to end the program, as it would be with this thread
+                    self._log = None
 
     def first_line(self, prefix: str) -> str | None:
         """Return the first line that begins so, when it is there within 0.1 s."""
@@ -91,11 +111,33 @@ class Child:
         self._reader.join(timeout=1)
 
 
+def _start(command: Sequence[str], processor: int | None) -> subprocess.Popen[str]:
+    def before_start() -> None:
+        die_with_parent()  # when the script is killed
+        if processor is not None:
+            os.sched_setaffinity(0, {processor})
+
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        start_new_session=True,  # Ctrl-C is for the script, which then ends its children
+        preexec_fn=before_start,
+        env=os.environ | {_STARTED_BY: str(os.getpid())},
+    )
+
+
 _libc = ctypes.CDLL(None)
 
 
 def die_with_parent() -> None:
-    """Let this process be told to end (SIGTERM) when its parent has ended, however: `preexec_fn` of subprocess.Popen."""
+    """Let this process be told to end (SIGTERM) when its parent has ended, however: `preexec_fn` of subprocess.Popen.
+
+    Its parent is the thread that starts it.
+    """
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 

@@ -171,11 +171,12 @@ class Simulation(ControlChannel):
             command += ["--scene", os.fspath(arm.scene)]
         if arm.truth is not None:
             command += ["--truth", os.fspath(arm.truth)]
-        child = Child([*command, *arm.more], self._log, processor)
+        ready = "fci-sim: ready"
+        child = Child([*command, *arm.more], ready, self._log, processor)
         self._children.append(child)
         addresses: list[str] = []
         deadline = time.monotonic() + _START_TIME
-        while (line := child.first_line("fci-sim: ")) != "fci-sim: ready":
+        while (line := child.first_line("fci-sim: ")) != ready:
             child.check()
             if line and (found := re.search(rf" on ([0-9.]+):{FCI_PORT}, ", line)):
                 addresses.append(found[1])
@@ -221,10 +222,10 @@ class Simulation(ControlChannel):
         command += ["--record", record] if record else []
         command += ["--recordings", os.fspath(recordings)] if recordings else []
         command += ["--keys", os.fspath(keys)] if keys else []
-        child = Child(command, self._log)
+        prefix = "listening on tcp://"
+        child = Child(command, prefix, self._log)
         self._children.append(child)
         deadline = time.monotonic() + _START_TIME
-        prefix = "listening on tcp://"
         while not (line := child.first_line(prefix)):
             child.check()
             if time.monotonic() > deadline:

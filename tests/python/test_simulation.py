@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import zmq
 from conftest import server_processes
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, channel, proto
+from frankapy.programs import Child
 from frankapy.sim import (
     CONTROL_PORT,
     FCI_PORT,
@@ -109,6 +111,35 @@ def test_the_programs_of_a_script_that_is_killed_end():
     processes = list(map(int, done.stdout.split()))
     assert len(processes) == 2
     until(lambda: not any(map(is_running, processes)))
+
+
+def child(script):
+    return Child([sys.executable, "-uc", script], "ready", None)
+
+
+def test_a_program_outlives_the_thread_that_asked_for_it():
+    asked = []
+    thread = threading.Thread(target=lambda: asked.append(child("print('ready'); import time; time.sleep(600)")))
+    thread.start()
+    thread.join()
+    until(lambda: asked[0].first_line("ready"))
+    with pytest.raises(subprocess.TimeoutExpired):
+        asked[0].process.wait(0.3)
+    asked[0].stop()
+    assert asked[0].process.returncode == -signal.SIGTERM
+
+
+def test_a_program_that_cannot_be_started_is_told(tmp_path):
+    with pytest.raises(FrankaArmException, match="nothing cannot be started: .*No such file"):
+        Child([str(tmp_path / "nothing")], "ready", None)
+
+
+def test_what_a_program_writes_once_it_is_ready_is_not_kept():
+    talks = child("print('first\\nready'); [print('line', i) for i in range(1000)]; import time; time.sleep(600)")
+    until(lambda: talks.tail().endswith("line 999"))
+    assert talks.first_line("ready") == "ready"
+    assert talks.first_line("line") is None
+    talks.stop()
 
 
 def test_a_port_that_is_taken_is_told_with_by_whom(sim, monkeypatch):
