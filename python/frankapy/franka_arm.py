@@ -102,7 +102,7 @@ class FrankaArm:
         self._tool_delta_pose = RigidTransform(np.eye(3), np.zeros(3), from_frame=TOOL, to_frame=TOOL_BASE)
         self._speed = 1.0
         self._recovery: str | int | None = None
-        self._sensors: SensorPublisher | None = None
+        self._sensors: tuple[tuple[int, str], SensorPublisher] | None = None  # for which process and endpoint, and that one
         self._server_name, self._robot_num, self._key_file = server, whole("robot_num", robot_num), key
         self._connection = None if offline else Connection(server, self._robot_num, key)
         self._motions, self._hand = Motions(self._connection), Hand(self._connection, wanted=bool(with_gripper))
@@ -1237,10 +1237,9 @@ class FrankaArm:
         if sensor_values is None:
             return False
         if self._connection is not None:
-            if self._sensors is None:
-                self._sensors = self.publisher(_SENSOR_TOPIC)
+            publisher = self._sensor_publisher(self._connection)
             for message in messages_of(sensor_values):
-                self._sensors.publish(message)
+                publisher.publish(message)
         return None
 
     def publish_sensor_data(self, msg: SensorDataGroup) -> None:
@@ -1282,6 +1281,13 @@ class FrankaArm:
         self._reader.stop_listening()
         duration = getattr(trajectory, "duration", 0.0) / (speed or 1)
         return self._motions.run(skill, duration, block, ignore_errors, preempt, led)
+
+    def _sensor_publisher(self, connection: Connection) -> SensorPublisher:
+        # A server that was started again may have other ports, and a forked process needs a socket of its own.
+        where = os.getpid(), connection.current_welcome().sensor_endpoint
+        if self._sensors is None or self._sensors[0] != where:
+            self._sensors = where, self.publisher(_SENSOR_TOPIC)
+        return self._sensors[1]
 
     def _policy(self, recover: str | int | None, ignore_errors: bool) -> proto.RecoveryPolicy:
         if recover is None:

@@ -19,6 +19,7 @@ class ScriptedServer:
         self.withholds: set[str] = set()  # answers that wait until this is emptied
         self.version = proto.CURRENT
         self.result = {"ending": proto.TERMINATED}
+        self.sensor_endpoint = ""
         self.silent = False
         self.not_taken = proto.NotTaken()
         self.topics: list[proto.Topics.Topic] = []
@@ -74,11 +75,13 @@ class ScriptedServer:
         kind, number = request.WhichOneof("call"), request.request_id
         if kind == "list_arms":
             arm = proto.Arms.Arm(name="arm1", address="127.0.0.2", endpoint=f"tcp://{self.address}", status="ready")
+            arm.sensor_endpoint = self.sensor_endpoint
             self._send(identity, number, arms=proto.Arms(arms=[arm], version=self.version))
             return
         if kind == "hello":
             self._clients.add(identity)
-            self._send(identity, number, welcome=proto.Welcome(version=proto.CURRENT, arm="arm1", gripper=True))
+            welcome = proto.Welcome(version=proto.CURRENT, arm="arm1", gripper=True, sensor_endpoint=self.sensor_endpoint)
+            self._send(identity, number, welcome=welcome)
             return
         if self.forgets_clients:
             self.forgets_clients = False

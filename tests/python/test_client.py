@@ -30,7 +30,9 @@ from frankapy import (
     connection,
     dmp,
     proto,
+    proto_utils,
 )
+from frankapy.franka_interface_common_definitions import SensorDataMessageType
 from frankapy.sim import free_address
 from frankapy.states import StateStream
 
@@ -574,6 +576,60 @@ def test_a_read_whose_server_ended_asks_the_next_one(monkeypatch):
         reader.join()
         assert joints == HOME
         arm.close()
+
+
+@pytest.fixture
+def sensors():
+    """Give two sockets to which sensor messages come."""
+    with zmq.Context() as context, context.socket(zmq.PULL) as one, context.socket(zmq.PULL) as other:
+        for each in (one, other):
+            each.linger = 0
+            each.bind("tcp://127.0.0.1:*")
+        yield one, other
+
+
+def publish_joints(arm):
+    message = proto.JointPositionSensorMessage(id=1, timestamp=0, joints=HOME)
+    packed = proto_utils.sensor_proto2ros_msg(message, SensorDataMessageType.JOINT_POSITION)
+    arm.publish_sensor_values(proto_utils.make_sensor_group_msg(packed))
+
+
+def publisher_heard_at(sensors) -> int:
+    assert sensors.poll(10_000)
+    return proto.SensorMessage.FromString(sensors.recv()).publisher
+
+
+def test_what_is_published_goes_to_the_server_that_there_is(sensors):
+    old, new = sensors
+    with ScriptedServer() as server:
+        server.sensor_endpoint = old.last_endpoint.decode()
+        arm = FrankaArm(server=server.address)
+        for _ in range(2):
+            publish_joints(arm)
+        assert publisher_heard_at(old) == publisher_heard_at(old)
+    wait_until(lambda: arm._connection._channel.lost)
+    with ScriptedServer(port=int(server.address.rpartition(":")[2])) as server:
+        server.sensor_endpoint = new.last_endpoint.decode()
+        publish_joints(arm)
+        assert publisher_heard_at(new)
+        arm.close()
+
+
+def test_a_forked_child_publishes_over_a_socket_of_its_own(server, sensors):
+    server.sensor_endpoint = sensors[0].last_endpoint.decode()
+    with FrankaArm(server=server.address) as arm:
+        publish_joints(arm)
+        own = publisher_heard_at(sensors[0])
+
+        def check() -> bool:
+            publish_joints(arm)
+            arm._sensors[1].close()
+            return True
+
+        assert in_child(check) == 0
+        assert publisher_heard_at(sensors[0]) != own
+        publish_joints(arm)
+        assert publisher_heard_at(sensors[0]) == own
 
 
 def test_a_slow_reader_loses_what_comes_while_too_many_wait():
