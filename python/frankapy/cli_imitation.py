@@ -75,7 +75,11 @@ def _add_smooth(command: argparse.ArgumentParser) -> None:
 
 def _demonstrate(options: argparse.Namespace) -> int:
     from frankapy import FrankaArm
+    from frankapy.demonstration import require_writable
 
+    if options.file.suffix != ".npz":
+        raise FrankaArmArgumentError(f"{options.file}: expected a name that ends in .npz")
+    require_writable(options.file)
     guidance: dict[str, Any] = {}
     if options.yields:
         stiffness = [0 if axis in options.yields else stiff for axis, stiff in zip(_AXES, _STIFF, strict=True)]
@@ -89,9 +93,10 @@ def _demonstrate(options: argparse.Namespace) -> int:
 
 
 def _segment(options: argparse.Namespace) -> int:
-    from frankapy.demonstration import Demonstration
+    from frankapy.demonstration import Demonstration, require_writable
 
     name = options.output or options.file
+    require_writable(name.with_name(f"{name.stem}-1.npz"))
     segments = Demonstration.load(options.file).segments(options.rest)
     if not segments:
         raise FrankaArmArgumentError(f"{options.file}: nothing moves in it")
@@ -105,8 +110,10 @@ def _segment(options: argparse.Namespace) -> int:
 
 def _learn(options: argparse.Namespace) -> int:
     from frankapy import dmp
-    from frankapy.demonstration import Demonstration
+    from frankapy.demonstration import Demonstration, require_writable
 
+    for file in filter(None, (options.output, options.plot)):
+        require_writable(file)
     demonstrations = [Demonstration.load(file).trimmed() for file in options.files]
     if options.smooth > 0:
         demonstrations = [demonstration.smooth(options.smooth) for demonstration in demonstrations]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -157,7 +158,7 @@ class Demonstration:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write it as a NumPy archive (.npz)."""
+        """Write it as a NumPy archive (.npz). Raises FrankaArmArgumentError where the file cannot be written."""
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_npz(path, _FORMAT, {name: value for name, value in fields.items() if value is not None})
 
@@ -253,9 +254,29 @@ class Demonstration:
 
 
 def write_npz(path: str | Path, kind: str, arrays: dict[str, Any]) -> None:
-    """Write arrays into a NumPy archive that says what it is."""
-    with Path(path).open("wb") as file:
-        np.savez_compressed(file, format=np.array(kind), **arrays)
+    """Write arrays into a NumPy archive that says what it is; raises as `write_file`."""
+    archive = io.BytesIO()
+    np.savez_compressed(archive, format=np.array(kind), **arrays)
+    write_file(path, archive.getvalue())
+
+
+def write_file(path: str | Path, data: bytes) -> None:
+    """Write a file; raises FrankaArmArgumentError where that cannot be."""
+    try:
+        Path(path).write_bytes(data)
+    except OSError as error:
+        raise FrankaArmArgumentError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def require_writable(path: Path) -> None:
+    """Raise FrankaArmArgumentError for a file that cannot be written, before what is to be in it is made."""
+    folder = path.parent
+    if not folder.is_dir():
+        raise FrankaArmArgumentError(f"{path} cannot be written: there is no folder {folder}. Make it, or name another file")
+    if path.is_dir():
+        raise FrankaArmArgumentError(f"{path} is a folder: expected the name of a file")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise FrankaArmArgumentError(f"{path} cannot be written: this user may not. Name another file")
 
 
 def read_npz(path: Path, data: bytes, kind: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from google.protobuf.message import Message
 
 from frankapy import proto
-from frankapy.demonstration import Demonstration, held, read_npz, unpickle, write_npz
+from frankapy.demonstration import Demonstration, held, read_npz, unpickle, write_file, write_npz
 from frankapy.dmp_dictionaries import KEYS, checked_fields
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
@@ -256,7 +256,7 @@ class Primitive:
 
             parts = {"": self.info} if self.kind != "pose" else {"-position": self.info, "-quaternion": self.quat_info}
             for name, info in parts.items():
-                path.with_stem(path.stem + name).write_bytes(pickle.dumps(info))
+                write_file(path.with_stem(path.stem + name), pickle.dumps(info))
             return
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_npz(path, _FORMAT, {name: np.asarray(value) for name, value in fields.items() if value is not None})

@@ -11,8 +11,9 @@ import pytest
 from conftest import HOME
 
 from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp, proto
-from frankapy.demonstration import Demonstration
+from frankapy.demonstration import Demonstration, require_writable
 from frankapy.parts import InternalImpedance
+from frankapy.sim import free_address
 
 TRUTH_FILE = True
 
@@ -511,6 +512,25 @@ def test_values_of_sensors_are_as_many_for_each_file(tmp_path, capsys):
     files = [str(tmp_path / "one.npz")] * 2
     assert cli.main(["learn", *files, "-o", str(tmp_path / "learned.npz"), "--sensors", "1", "0", "1"]) == 1
     assert "--sensors has 3 values: expected as many for each of 2 files" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "text"), [("no/pour.npz", "there is no folder"), ("pour.pkl", "ends in .npz"), ("pour", "ends in .npz")])
+def test_what_could_not_be_written_is_not_shown(tmp_path, capsys, name, text):
+    asked = ["demonstrate", str(tmp_path / name), "--server", f"{free_address()}:5757"]  # where nobody is
+    assert cli.main(asked) == 1
+    assert text in capsys.readouterr().err
+
+
+def test_what_cannot_be_written_is_told_by_name(tmp_path, capsys):
+    bow().save(tmp_path / "one.npz")
+    missing = tmp_path / "no" / "learned.npz"
+    for command in (["segment", str(tmp_path / "one.npz"), "-o"], ["learn", str(tmp_path / "one.npz"), "-o"]):
+        assert cli.main([*command, str(missing)]) == 1
+        assert "there is no folder" in capsys.readouterr().err
+    with pytest.raises(FrankaArmArgumentError, match="learned.npz cannot be written: No such file"):
+        bow().save(missing)
+    with pytest.raises(FrankaArmArgumentError, match="is a folder"):
+        require_writable(tmp_path)
 
 
 def test_an_arm_that_yields_along_axes_of_its_tool(ideal_arm, tmp_path):
