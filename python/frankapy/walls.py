@@ -13,9 +13,11 @@ from frankapy import proto
 from frankapy.collision_boxes import as_boxes
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import flag, number, validate, vector
+from frankapy.validation import flag, number, text, validate, vector
 
 logger = logging.getLogger("frankapy")
+
+_LONGEST_NAME = 100  # bytes (kLongestName of src/server/wall_store.cpp)
 
 
 def Plane(normal: Sequence[float] = (0, 0, 1), point: Sequence[float] = (0, 0, 0)) -> proto.Wall:  # noqa: N802
@@ -71,19 +73,24 @@ def Mesh(  # noqa: N802
     corners: (n, 3), m. triangles: (k, 3), the numbers of three corners each, from 0 on, counter-clockwise seen from outside. Of a file:
     `Mesh(*read_stl("fixture.stl"))`. What is not convex is refused: give its hull, or several bodies.
     """
-    points, faces = np.asarray(corners), np.asarray(triangles)
+    points, faces = _rows("corners", corners), _rows("triangles", triangles)
     for name, array, kinds in (("corners", points, "iuf"), ("triangles", faces, "iu")):
         if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in kinds:
             raise FrankaArmArgumentError(f"{name} has shape {array.shape} of {array.dtype}: expected rows of 3 {'whole ' * (kinds == 'iu')}numbers")
-    if faces.size and faces.min() < 0:
-        raise FrankaArmArgumentError(f"triangles has {faces.min()}: expected numbers of corners, from 0 on")
+    for corner in (faces.min(), faces.max()) if faces.size else ():
+        if not 0 <= corner < len(points):
+            raise FrankaArmArgumentError(f"triangles has {corner}: expected numbers of the {len(points)} corners, from 0 on")
     mesh = proto.Wall.Mesh(corners=points.ravel().astype(float), triangles=faces.ravel())
     return _place(proto.Wall(mesh=mesh), pose)
 
 
 def read_stl(path: str | Path, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Return corners (n, 3), in m, and triangles (k, 3) of an STL file, text or binary, whose unit is `scale` m (0.001: mm)."""
-    data = Path(path).read_bytes()
+    scale = number("scale", scale)
+    try:
+        data = Path(path).read_bytes()
+    except (OSError, TypeError, ValueError) as error:
+        raise FrankaArmArgumentError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     count = int.from_bytes(data[80:84], "little")
     if len(data) == 84 + 50 * count:
         rows = np.frombuffer(data, [("normal", "<f4", 3), ("corners", "<f4", 9), ("color", "<u2")], offset=84)
@@ -99,6 +106,13 @@ def read_stl(path: str | Path, scale: float = 1.0) -> tuple[np.ndarray, np.ndarr
     # Each triangle has corners of its own there.
     corners, index = np.unique(np.round(points * scale, 7), axis=0, return_inverse=True)
     return corners, index.reshape(-1, 3)
+
+
+def _rows(name: str, values: Any) -> np.ndarray:
+    try:
+        return np.asarray(values)
+    except (TypeError, ValueError):  # rows of different lengths
+        raise FrankaArmArgumentError(f"{name} is no array: expected rows of 3 numbers each") from None
 
 
 def _place(wall: proto.Wall, pose: RigidTransform | Sequence[float]) -> proto.Wall:
@@ -143,6 +157,8 @@ class Walls(Mapping[str, proto.Wall]):
 
     def update(self, walls: Mapping[str, proto.Wall], keep: bool = False, protect: bool = False) -> None:
         """Add several at once, as `add`: all or none."""
+        if not isinstance(walls, Mapping):
+            raise FrankaArmArgumentError(f"walls is a {type(walls).__name__}: expected a dictionary, name: wall")
         self._put([self._named(name, wall, keep, protect) for name, wall in walls.items()])
 
     def hold(self, name: str, body: proto.Wall, keep: bool = False, protect: bool = False) -> None:
@@ -159,7 +175,7 @@ class Walls(Mapping[str, proto.Wall]):
         Raises FrankaArmArgumentError where one is not there, FrankaArmNotPermittedException where one is protected, as those of the
         server's configuration are, and this client has not the role lab.
         """
-        self._change(proto.ChangeWalls(remove=names))
+        self._change(proto.ChangeWalls(remove=[text("name", name, _LONGEST_NAME) for name in names]))
 
     def clear(self) -> None:
         """Remove all that are not protected."""
@@ -204,7 +220,7 @@ class Walls(Mapping[str, proto.Wall]):
             raise FrankaArmArgumentError(f"wall is {wall!r}: expected Plane(...), Box(...), Sphere(...), Cylinder(...), Capsule(...) or Mesh(...)")
         named = proto.Wall()
         named.CopyFrom(wall)
-        named.name = name
+        named.name = text("name", name, _LONGEST_NAME)
         named.keep = flag("keep", keep)
         named.fixed = flag("protect", protect)
         validate(named)

@@ -83,6 +83,12 @@ REFUSED = {
     "a mesh with a dent": (lambda fa: fa.walls.add("a", Mesh(DENTED, SIDES)), 'Wall "a" is not convex: corner .* mm outside'),
     "a mesh of squares": (lambda fa: fa.walls.add("a", Mesh(CUBE, [[0, 1, 2, 3]])), "triangles has shape"),
     "a mesh of millions": (lambda fa: fa.walls.add("a", Mesh(CUBE, SIDES * 100)), "triangles has 1200 rows: expected at most 128"),
+    "a mesh of ragged corners": (lambda fa: fa.walls.add("a", Mesh([[0, 0, 0], [1, 0]], SIDES)), "corners is no array"),
+    "a mesh of too few corners": (lambda fa: fa.walls.add("a", Mesh(CUBE, [[0, 1, 2**32]])), "triangles has 4294967296: .* 8 corners"),
+    "a file that is not there": (lambda fa: read_stl("/no.stl"), "/no.stl cannot be read: No such file"),
+    "a name of none": (lambda fa: fa.walls.add(5, Sphere(1)), "name is 5: expected a text"),
+    "to remove no name": (lambda fa: fa.walls.remove(5), "name is 5: expected a text"),
+    "walls without names": (lambda fa: fa.walls.update([Sphere(1)]), "walls is a list: expected a dictionary"),
     "a plane that is held": (lambda fa: fa.walls.hold("a", Plane()), "is held and a plane"),
     "too many": (
         lambda fa: fa.walls.update({f"{i}": Sphere(0.1, [5, 5, 5]) for i in range(1000)}),
