@@ -19,11 +19,17 @@ constexpr double kDt = 0.001;  // s
 // 0.15.0).
 constexpr fci::Version kOneRangeErrorVersion = 9;
 
+// From the same system on, libfranka's examples begin a motion at the measured `q`, `O_T_EE` and `elbow`, which differ from
+// what is desired (changelog, 0.15.0).
+constexpr fci::Version kMeasuredStartVersion = 9;
+
 // Not published by Franka; docs/simulated-arm.md has the reasons.
 constexpr double kStartJoint = 0.1;         // rad, between q_d and the first q_c
 constexpr double kStartTranslation = 0.05;  // m, between O_T_EE_c and the first pose
 constexpr double kStartRotation = 0.2;      // rad
 constexpr double kStartElbow = 0.1;         // rad
+constexpr double kBeginAngle = 0.005;        // rad, of each joint, of a pose and of an elbow beside which a motion may begin
+constexpr double kBeginTranslation = 0.002;  // m
 constexpr double kRestVelocity = 0.1;       // rad/s, from which on an arm under torque control still moves
 constexpr double kPositionMargin = 0.01;    // rad, of measured joints beyond their range
 constexpr double kLeaving = 0.01;           // rad/s, outwards
@@ -86,6 +92,7 @@ void Checks::set_version(fci::Version version) {
   const bool single = version >= fci::kFloatStateVersion;
   q_rounding_ = single ? 0x1p-23 : kDoubleRounding;
   p_rounding_ = single ? 0x1p-25 : kDoubleRounding;
+  begins_beside_ = version >= kMeasuredStartVersion;
   const bool one_name = version >= kOneRangeErrorVersion;
   joint_range_ = one_name ? Error::kJointPositionLimits : Error::kJointPositionLimitsCommanded;
   cartesian_range_ = one_name ? Error::kJointPositionLimits : Error::kCartesianJointPositionLimits;
@@ -159,6 +166,16 @@ Errors Checks::first(const fci::RobotCommand& command, const Desired& at) const 
     raise(errors, Error::kStartElbowSignInconsistent, command.elbow_c[1] != at.elbow_c[1]);
   }
   return errors;
+}
+
+bool Checks::begins(const fci::RobotCommand& command, const Desired& at) const {
+  if (!begins_beside_) return false;
+  if (motion_.motion_generator_mode == Mode::kJointPosition) {
+    return (Vector7::Map(command.q_c.data()) - at.q).cwiseAbs().maxCoeff() <= kBeginAngle;
+  }
+  return motion_.motion_generator_mode == Mode::kCartesianPosition &&
+         !beyond({kBeginTranslation, kBeginAngle, kBeginAngle}, matrix(command.O_T_EE_c),
+                 command.valid_elbow ? command.elbow_c[0] : at.elbow_c[0], at.O_T_EE_c, at.elbow_c[0]);
 }
 
 Errors Checks::elbow(const fci::RobotCommand& command, const Desired& before) const {

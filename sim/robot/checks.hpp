@@ -41,6 +41,8 @@ class Checks {
 
   // The first command of a motion: far from where the arm is.
   fci::Errors first(const fci::RobotCommand& command, const Desired& at) const;
+  // The first command is a position so near to where the reference rests that the motion begins there instead.
+  bool begins(const fci::RobotCommand& command, const Desired& at) const;
   // Elbow of a Cartesian command, before it is followed.
   fci::Errors elbow(const fci::RobotCommand& command, const Desired& before) const;
   // The desired motion from one cycle to the next.
@@ -78,6 +80,7 @@ class Checks {
   // What a state of float32 takes from positions: half a unit in the last place of angles up to 4 rad and of
   // coordinates up to 1 m. Commands that continue the state are off by as much. rad, m.
   double q_rounding_ = 0, p_rounding_ = 0;
+  bool begins_beside_ = false;
   // What commanded joints outside their range are called, in joint and in Cartesian motions.
   fci::Error joint_range_{}, cartesian_range_{};
   fci::Move motion_;

@@ -27,20 +27,32 @@ void MotionGenerator::start(Mode mode, const Vector7& q, const Eigen::Matrix4d& 
   mode_ = mode;
   F_T_EE_ = F_T_EE;
   desired_.q = q;
-  desired_.dq.setZero();
-  desired_.ddq.setZero();
   model_.update_kinematics(q);
   desired_.O_T_EE_d = desired_.O_T_EE_c = model_.O_T_F() * F_T_EE_;
-  desired_.O_dP_EE_c.setZero();
-  desired_.O_ddP_EE_c.setZero();
   q3_ = q[2];
   desired_.elbow_c = {q[2], elbow_sign(q[3])};
+  rest();
+}
+
+void MotionGenerator::rest() {
+  desired_.dq.setZero();
+  desired_.ddq.setZero();
+  desired_.O_dP_EE_c.setZero();
+  desired_.O_ddP_EE_c.setZero();
   desired_.delbow_c = {0, 0};
   desired_.ddelbow_c = {0, 0};
 }
 
 bool MotionGenerator::cartesian() const {
   return mode_ == Mode::kCartesianPosition || mode_ == Mode::kCartesianVelocity;
+}
+
+void MotionGenerator::begin(const fci::RobotCommand& command) {
+  constexpr int kSteps = 4;  // none of them goes far
+  for (int i = 0; i < kSteps; ++i) {
+    step(command);
+    rest();
+  }
 }
 
 void MotionGenerator::step(const fci::RobotCommand& command) {

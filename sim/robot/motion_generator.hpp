@@ -31,6 +31,8 @@ class MotionGenerator {
   void step(const fci::RobotCommand& command);
   // One cycle whose command was lost: constant acceleration.
   void extrapolate();
+  // The motion begins, at rest, at this position beside the one that it was started at.
+  void begin(const fci::RobotCommand& command);
   const Desired& desired() const { return desired_; }
   // Kinematics of desired().q.
   const ArmModel& model() const { return model_; }
@@ -40,6 +42,7 @@ class MotionGenerator {
   using Vector6 = Eigen::Matrix<double, 6, 1>;
 
   bool cartesian() const;
+  void rest();
   // O_T_EE_c after one cycle with that velocity.
   Eigen::Matrix4d moved(const Vector6& velocity) const;
   void move_joints(const Vector7& q);

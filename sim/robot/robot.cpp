@@ -268,9 +268,9 @@ void Robot::follow(fci::RobotCommand command) {
   }
   filter(command);
   last_command_ = command;
-  const fci::Errors errors = motion_.commanded ? checks_.elbow(command, desired_) : checks_.first(command, desired_);
+  const bool first = !motion_.commanded;
   motion_.commanded = true;
-  if (reflex(errors) || !advance(&command)) return;
+  if (reflex(first ? checks_.first(command, desired_) : checks_.elbow(command, desired_)) || !advance(&command, first)) return;
   if (external()) {
     const Vector tau = vector(command.tau_J_d);
     if (reflex(checks_.torque(tau, tau_J_d_))) return;
@@ -310,12 +310,14 @@ void Robot::lose() {
 
 // The desired motion by a cycle; without a command as the robot extrapolates. False: it breaks a limit, and is not
 // made.
-bool Robot::advance(const fci::RobotCommand* command) {
+bool Robot::advance(const fci::RobotCommand* command, bool first) {
   if (motion_.generator == Mode::kNone) {
     rest_at(sensors_.q);
     return true;
   }
-  if (command != nullptr) {
+  if (first && checks_.begins(*command, desired_)) {
+    generator_.begin(*command);
+  } else if (command != nullptr) {
     generator_.step(*command);
   } else {
     generator_.extrapolate();

@@ -131,7 +131,7 @@ class Robot {
   void follow(fci::RobotCommand command);
   void follow_target(const fci::RobotCommand* command);
   void lose();
-  bool advance(const fci::RobotCommand* command);
+  bool advance(const fci::RobotCommand* command, bool first = false);
   void count(bool received);
   void filter(fci::RobotCommand& command);
   void finish();

@@ -47,6 +47,63 @@ class BehaviourOf : public testing::TestWithParam<const char*> {
 INSTANTIATE_TEST_SUITE_P(Arms, BehaviourOf, testing::Values("fer", "fr3"),
                          [](const auto& info) { return std::string(info.param); });
 
+// --- where a motion begins -------------------------------------------------------------------------------------------
+
+// As libfranka's examples do since 0.15: from what is measured, and from there on as far beside it as may be.
+TEST(Behaviour, MotionsBeginAtWhatIsMeasuredFromVersion9On) {
+  struct Beside {
+    double angle = 0, height = 0;  // rad of a joint and of the elbow, m of the pose
+  };
+  for (fci::Version version = 5; version <= 10; ++version) {
+    RobotRig rig(as_delivered(version == 5 ? "fer" : "fr3"));
+    rig.robot.set_version(version);
+    ASSERT_EQ(rig.robot.set(thresholds(1000, 1000)), Status::kSuccess);
+    const auto ends_well = [&](Mode generator, ControllerMode controller, double way, std::optional<Beside> beside = {}) {
+      EXPECT_EQ(rig.start(generator, controller), Status::kMotionStarted);
+      const fci::RobotState begin = rig.state();
+      constexpr int kCycles = 1000;
+      for (int i = 0; i <= kCycles && rig.robot.moving(); ++i) {
+        fci::RobotCommand command;
+        command.valid_elbow = true;
+        command.q_c = beside ? begin.q_d : begin.q;
+        command.O_T_EE_c = beside ? begin.O_T_EE_c : begin.O_T_EE;
+        command.elbow_c = beside ? begin.elbow_c : begin.elbow;
+        const double done = way * ArmRig::minimum_jerk(double(i) / kCycles);
+        const Beside by = beside.value_or(Beside{});
+        command.q_c[3] += by.angle + done;
+        command.O_T_EE_c[14] += by.height + done;
+        command.elbow_c[0] += by.angle + done;
+        command.motion_generation_finished = i == kCycles;
+        rig.cycle(command);
+        if (i == 0 && version >= 9 && rig.robot.moving()) {
+          EXPECT_EQ(reported(rig.state().dq_d), Joints::Zero());
+          if (generator == Mode::kJointPosition) {
+            EXPECT_EQ(rig.state().q_d, command.q_c);
+          } else {
+            EXPECT_EQ(rig.state().O_T_EE_c, command.O_T_EE_c);
+            EXPECT_NEAR(rig.state().elbow_d[0], command.elbow_c[0], 1e-9);
+          }
+        }
+      }
+      const bool well = rig.robot.outcome() == Status::kSuccess;
+      EXPECT_NE(well, fci::any(rig.state().errors));
+      EXPECT_EQ(rig.robot.recover(), Status::kSuccess);
+      rig.wait(0.1);
+      return well;
+    };
+    for (const auto generator : {Mode::kJointPosition, Mode::kCartesianPosition}) {
+      for (const auto controller : {ControllerMode::kJointImpedance, ControllerMode::kCartesianImpedance}) {
+        SCOPED_TRACE(testing::Message() << "version " << version << ", modes " << int(generator) << " " << int(controller));
+        for (const double way : {0.1, -0.1, 0.1, -0.1}) EXPECT_EQ(ends_well(generator, controller, way), version >= 9);
+        EXPECT_TRUE(ends_well(generator, controller, 0.1, Beside{}));
+        EXPECT_EQ(ends_well(generator, controller, -0.1, Beside{0.0049, 0.0019}), version >= 9);
+        EXPECT_FALSE(ends_well(generator, controller, 0, Beside{0.0051, 0.0021}));
+        EXPECT_FALSE(ends_well(generator, controller, 0, Beside{0.01, 0.01}));
+      }
+    }
+  }
+}
+
 // --- impedance -------------------------------------------------------------------------------------------------------
 
 TEST_P(BehaviourOf, JointsYieldByTheStiffnessThatWasSet) {
