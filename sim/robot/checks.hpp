@@ -50,8 +50,8 @@ class Checks {
   // N m, without gravity; `before` is tau_J_d.
   fci::Errors torque(const Vector7& tau, const Vector7& before) const;
 
-  // Finished although stopping dead after `desired` leaves the limits of acceleration or jerk, or although the arm (dq)
-  // still moves when the client commands torques, or far from the goal (measured: O_T_EE and q).
+  // Finished although stopping dead after `desired` leaves the limits of acceleration or jerk, or far from the goal
+  // (measured: O_T_EE and q); when the client commands torques, although the arm (dq) still moves.
   fci::Errors finish(const Desired& desired, const Vector7& dq, const Eigen::Matrix4d& O_T_EE, const Vector7& q) const;
 
   // The arm as it is, in a cycle of a motion. `model` has been updated with q and dq; tau_J (N m) is measured,

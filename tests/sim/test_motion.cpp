@@ -301,6 +301,27 @@ TEST(Motion, FinishingUnderTorquesWhileTheArmMovesIsAReflex) {
   }
 }
 
+// A reference beside the torques moves nothing, so it need not rest.
+TEST(Motion, FinishingUnderTorquesTakesAReferenceThatMoves) {
+  for (const int version : {5, 7, 10}) {
+    DrivenArm arm(version == 5 ? "fer" : "fr3", lockstep(true));
+    RawClient client(arm, static_cast<fci::Version>(version));
+    client.start({.controller_mode = ControllerMode::kExternal, .motion_generator_mode = Mode::kJointPosition});
+    const auto start = client.state;
+    const auto make = [&](int cycle) {
+      fci::RobotCommand command = reference(start, cycle);
+      command.tau_J_d = {};
+      return command;
+    };
+    client.drive(kCycles / 2, make);
+    ASSERT_EQ(client.state.robot_mode, RobotMode::kMove);
+    auto command = make(kCycles / 2);
+    command.torque_command_finished = true;
+    EXPECT_EQ(client.finish(command), Status::kSuccess) << "version " << version;
+    EXPECT_FALSE(fci::any(client.newest().errors)) << fci::names(client.state.errors);
+  }
+}
+
 TEST(Motion, ACommandThatIsNoneEndsIt) {
   DrivenArm arm("fr3", lockstep());
   const double nan = std::numeric_limits<double>::quiet_NaN();
