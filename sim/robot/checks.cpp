@@ -163,7 +163,7 @@ Errors Checks::first(const fci::RobotCommand& command, const Desired& at) const 
   }
   if (cartesian() && command.valid_elbow) {
     raise(errors, Error::kCartesianStartElbowInvalid, std::abs(command.elbow_c[0] - at.elbow_c[0]) > kStartElbow);
-    raise(errors, Error::kStartElbowSignInconsistent, command.elbow_c[1] != at.elbow_c[1]);
+    raise(errors, Error::kCartesianElbowSignInconsistent, command.elbow_c[1] != at.elbow_c[1]);
   }
   return errors;
 }

@@ -24,6 +24,7 @@ UNPROVOKED = {
     "force_control_safety_violation": "of the robot's own force control, which FCI does not offer",
     "cartesian_velocity_profile_safety_violation": "of the robot's own motions, which FCI does not offer",
     "force_controller_desired_force_tolerance_violation": "of the robot's own force control, which FCI does not offer",
+    "start_elbow_sign_inconsistent": "of motions that Desk starts",
     "joint_p2p_insufficient_torque_for_planning": "of the robot's own motions, which FCI does not offer",
     "instability_detected": "how the robot detects it is not published",
     "joint_move_in_wrong_direction": "a hand that guides a joint farther out of its range",

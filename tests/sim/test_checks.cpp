@@ -338,7 +338,7 @@ TEST_P(OfSystem, StartsAtThePoseAndWithTheElbowThatItHas) {
     };
     EXPECT_EQ(elbow(0, 1), "");
     EXPECT_EQ(elbow(0.11, 1), list({Error::kCartesianStartElbowInvalid}));
-    EXPECT_EQ(elbow(0, -1), list({Error::kStartElbowSignInconsistent}));
+    EXPECT_EQ(elbow(0, -1), list({Error::kCartesianElbowSignInconsistent}));
     EXPECT_EQ(elbow(-0.09, 1), rates);
   }
 }

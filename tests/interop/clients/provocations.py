@@ -161,7 +161,6 @@ def provocations(robot: str) -> list[Provocation]:
                     elbow=elbow(sign=-1, at=5)),
         Provocation("cartesian_motion_generator_start_elbow_invalid", "cartesian pose", holding_pose,
                     elbow=elbow(shift=0.2)),
-        Provocation("start_elbow_sign_inconsistent", "cartesian pose", holding_pose, elbow=elbow(sign=-1)),
         Provocation("communication_constraints_violation", "joint position", same, silence=12.0),
         Provocation("power_limit_violation", "torque",
                     TorqueRamp(lambda *_: np.array([87.0, 87, 0, 87, 0, 0, 0])),
