@@ -124,7 +124,10 @@ std::optional<Status> Robot::why_not_now() const {
 }
 
 Status Robot::recover() {
-  if (phase_ != Phase::kReflex) return why_not_now().value_or(recovered_ = Status::kSuccess);
+  if (phase_ != Phase::kReflex) {
+    if (phase_ == Phase::kIdle) clear_errors();  // collisions that were felt while nothing guarded the arm
+    return why_not_now().value_or(recovered_ = Status::kSuccess);
+  }
   if (!checks_.inside_range(sensors_.q)) return Status::kManualErrorRecoveryRequired;
   phase_ = Phase::kRecovering;
   recovery_ = kRecoveryCycles;

@@ -262,6 +262,22 @@ TEST_P(BehaviourOf, TheEnablingDeviceIsASafetyFunctionFromVersion6On) {
   }
 }
 
+TEST_P(BehaviourOf, RecoveryInIdleResetsCollisions) {
+  rig.robot.enabling_device(false);
+  rig.push((Wrench() << 0, 0, -60, 0, 0, 0).finished());
+  rig.wait(0.5);
+  rig.push(Wrench::Zero());
+  rig.wait(0.5);
+  rig.robot.enabling_device(true);
+  rig.wait(0.1);
+  ASSERT_EQ(rig.state().robot_mode, RobotMode::kIdle);
+  ASSERT_EQ(rig.state().cartesian_collision[2], 1);
+  EXPECT_EQ(rig.robot.recover(), Status::kSuccess);
+  rig.cycle();
+  EXPECT_EQ(rig.state().cartesian_collision, fci::Vector6{});
+  EXPECT_EQ(rig.state().joint_collision, fci::Vector7{});
+}
+
 TEST_P(BehaviourOf, WithItsJointsLockedTheRobotTakesNothing) {
   rig.robot.lock(true);
   rig.cycle();
