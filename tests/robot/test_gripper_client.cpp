@@ -1,9 +1,11 @@
 #include "robot/gripper_client.hpp"
 
 #include <gtest/gtest.h>
+#include <netinet/tcp.h>
 
 #include <future>
 
+#include "robot/socket.hpp"
 #include "scripted_server.hpp"
 
 namespace {
@@ -199,6 +201,23 @@ TEST_F(Gripper, KeepsTheNewestStateAndDropsWhatIsNone) {
   hand.send_datagram(Bytes(24));
   EXPECT_FALSE(read({first->message_id + 2, 0.05, 0.08, false, 31})->is_grasped);
   while (client->state()) std::this_thread::sleep_for(10ms);  // until it is a second old
+}
+
+// A hand without power says no goodbye.
+TEST(GripperConnect, IsKeptAlive) {
+  ScriptedHand hand;
+  const robot::Peer peer("the hand", hand.address(), gripper::kPort, "");
+  const robot::Socket tcp = peer.connect(robot::Clock::now() + 20s);
+  const auto option = [&](int level, int name) {
+    int value = 0;
+    socklen_t size = sizeof value;
+    ::getsockopt(tcp.fd(), level, name, &value, &size);
+    return value;
+  };
+  EXPECT_EQ(option(SOL_SOCKET, SO_KEEPALIVE), 1);
+  EXPECT_EQ(option(IPPROTO_TCP, TCP_KEEPIDLE), 1);
+  EXPECT_EQ(option(IPPROTO_TCP, TCP_KEEPINTVL), 1);
+  EXPECT_EQ(option(IPPROTO_TCP, TCP_KEEPCNT), 3);
 }
 
 TEST(GripperConnect, SaysWhatIsWrong) {

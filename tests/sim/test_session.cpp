@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
 #include <thread>
 
 #include "models/arm.hpp"
@@ -124,6 +125,28 @@ TEST(Session, AnArmOfOneVersionRefusesAllOthers) {
     EXPECT_EQ(std::to_integer<int>(client.connect_answer.body[0]), 7);
   }
   EXPECT_EQ(RawClient(arm, 7).connect_answer.status, 0);
+}
+
+// A client without power says no goodbye. The kernel tells of a connection's timers, of which 2 is that of keeping alive.
+TEST(Session, IsKeptAlive) {
+  DrivenArm arm;
+  RawClient client(arm, 10);
+  in_addr address{};
+  ::inet_pton(AF_INET, arm.address().c_str(), &address);
+  char own[16];
+  std::snprintf(own, sizeof own, "%08X:%04X", address.s_addr, fci::kRobotPort);
+  int found = 0;
+  std::ifstream table("/proc/net/tcp");
+  for (std::string line; std::getline(table, line);) {
+    std::istringstream words(line);
+    std::string number, local, remote, state, queues, timer;
+    words >> number >> local >> remote >> state >> queues >> timer;
+    if (local != own || state != "01") continue;
+    ++found;
+    EXPECT_EQ(timer.substr(0, 3), "02:");
+    EXPECT_LE(std::stoul(timer.substr(3), nullptr, 16), 100u);  // of a hundredth of a second
+  }
+  EXPECT_EQ(found, 1);
 }
 
 TEST(Session, ASecondClientIsRefusedAtOnceAndTheNextServedWhenTheFirstHasGone) {
