@@ -21,8 +21,9 @@ from frankapy.client_key import KEY_VARIABLE, usual_file
 from frankapy.connection import DEFAULT_PORT, SERVER_VARIABLE, Connection
 from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
-from frankapy.recording import Recording, not_written
+from frankapy.recording import Recording
 from frankapy.terminal import colored, print_rows
+from frankapy.writing import not_written
 
 COMPAT = Path(__file__).resolve().parent / "compat"  # the folder that stands in for ROS
 

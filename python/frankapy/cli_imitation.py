@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
+from frankapy.writing import require_writable
 
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 _STIFF = (600, 600, 600, 50, 50, 50)  # N/m and Nm/rad along and about those that do not yield
@@ -75,7 +76,6 @@ def _add_smooth(command: argparse.ArgumentParser) -> None:
 
 def _demonstrate(options: argparse.Namespace) -> int:
     from frankapy import FrankaArm
-    from frankapy.demonstration import require_writable
 
     if options.file.suffix != ".npz":
         raise FrankaArmArgumentError(f"{options.file}: expected a name that ends in .npz")
@@ -93,7 +93,7 @@ def _demonstrate(options: argparse.Namespace) -> int:
 
 
 def _segment(options: argparse.Namespace) -> int:
-    from frankapy.demonstration import Demonstration, require_writable
+    from frankapy.demonstration import Demonstration
 
     name = options.output or options.file
     require_writable(name.with_name(f"{name.stem}-1.npz"))
@@ -110,7 +110,7 @@ def _segment(options: argparse.Namespace) -> int:
 
 def _learn(options: argparse.Namespace) -> int:
     from frankapy import dmp
-    from frankapy.demonstration import Demonstration, require_writable
+    from frankapy.demonstration import Demonstration
 
     for file in filter(None, (options.output, options.plot)):
         require_writable(file)

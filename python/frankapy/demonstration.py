@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from frankapy.dmp_dictionaries import KEYS
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
+from frankapy.writing import write_file
 
 if TYPE_CHECKING:
     from frankapy.recording import Recording
@@ -258,25 +258,6 @@ def write_npz(path: str | Path, kind: str, arrays: dict[str, Any]) -> None:
     archive = io.BytesIO()
     np.savez_compressed(archive, format=np.array(kind), **arrays)
     write_file(path, archive.getvalue())
-
-
-def write_file(path: str | Path, data: bytes) -> None:
-    """Write a file; raises FrankaArmArgumentError where that cannot be."""
-    try:
-        Path(path).write_bytes(data)
-    except OSError as error:
-        raise FrankaArmArgumentError(f"{path} cannot be written: {error.strerror}") from None
-
-
-def require_writable(path: Path) -> None:
-    """Raise FrankaArmArgumentError for a file that cannot be written, before what is to be in it is made."""
-    folder = path.parent
-    if not folder.is_dir():
-        raise FrankaArmArgumentError(f"{path} cannot be written: there is no folder {folder}. Make it, or name another file")
-    if path.is_dir():
-        raise FrankaArmArgumentError(f"{path} is a folder: expected the name of a file")
-    if not os.access(path if path.exists() else folder, os.W_OK):
-        raise FrankaArmArgumentError(f"{path} cannot be written: this user may not. Name another file")
 
 
 def read_npz(path: Path, data: bytes, kind: str) -> dict[str, Any]:

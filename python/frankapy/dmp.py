@@ -15,11 +15,12 @@ import numpy as np
 from google.protobuf.message import Message
 
 from frankapy import proto
-from frankapy.demonstration import Demonstration, held, read_npz, unpickle, write_file, write_npz
+from frankapy.demonstration import Demonstration, held, read_npz, unpickle, write_npz
 from frankapy.dmp_dictionaries import KEYS, checked_fields
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
 from frankapy.validation import number, numbers, text, vector, whole
+from frankapy.writing import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

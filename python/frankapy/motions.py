@@ -217,8 +217,9 @@ class Motions:
     def wait(self, motion: Motion, ignore_errors: bool) -> proto.SkillResult | None:
         """Wait for the end of a motion, judge it, and return its result.
 
-        Raises, of each thread that waits for it, FrankaArmException for one that failed where errors are not ignored, FrankaArmFrankaInterfaceNotReadyException where
-        a person has to look at the arm, FrankaArmCommException where the connection was lost.
+        Raises, in each thread that waits for it, FrankaArmException for one that failed where errors are not ignored,
+        FrankaArmFrankaInterfaceNotReadyException where a person has to look at the arm, FrankaArmCommException where the connection
+        was lost.
         """
         try:
             if motion.duration < _LONG:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.progress import progress
 from frankapy.recording_file import RecordingFile
 from frankapy.wire_arrays import columns
+from frankapy.writing import not_written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,11 +29,6 @@ _DRIFT = 1e-3  # of a robot's clock against the server's; one that differs by mo
 _LONG = 10.0  # s in which a clock's drift shows
 
 States = dict[str, np.ndarray]
-
-
-def not_written(path: Path, error: OSError) -> FrankaArmArgumentError:
-    """Return what to raise where a file cannot be written."""
-    return FrankaArmArgumentError(f"{path} cannot be written: {os.strerror(error.errno) if error.errno else error}")
 
 
 @dataclasses.dataclass

@@ -247,7 +247,7 @@ void Loop::change_skill() noexcept {
     }
   }
   if (in_motion() && skill_ == nullptr) {
-    const bool prepares = next_ != nullptr && !(next_waits() && (fits_motion(*next_) || !may_begin_early()));
+    const bool prepares = may_begin() && !(next_waits() && fits_motion(*next_));
     if (prepares || quit_ || faulty_ || state_.message_id >= hold_until_) {
       leave_motion();
     } else if (phase_ == Phase::kBraking && gate_.at_rest()) {
@@ -259,13 +259,12 @@ void Loop::change_skill() noexcept {
 
 // From a skill that waits to its first command: settings, Move, modes.
 void Loop::prepare_motion() noexcept {
-  const bool due = next_ != nullptr && (may_begin_early() || next_->start_ns <= driver_.received_ns());
-  if (phase_ == Phase::kIdle && (due || (next_ == nullptr && !settings_.asked()))) configure();
+  if (phase_ == Phase::kIdle && (may_begin() || (next_ == nullptr && !settings_.asked()))) configure();
   if (phase_ == Phase::kConfiguring) {
     settings_.post(driver_);
     if (settings_.answered()) {
       phase_ = Phase::kIdle;
-      if (due) start_motion();
+      if (may_begin()) start_motion();
     } else if (overdue()) {
       phase_ = Phase::kIdle;
       drop_next(Ending::kRefused, settings_.silent(), fci::Status::kFailed);
@@ -605,13 +604,15 @@ bool Loop::next_waits() const noexcept {
   if (next_->start_ns > driver_.received_ns()) return true;
   if (next_->after == 0 || skill_ == nullptr) return false;
   const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && !waits_for_start() && fits_motion(*next_) &&
-                      skill_->trajectory->has_end() &&
-                      path_.lasts(duration(*skill_) - path_.time()) <= next_->blend;
+                      skill_->trajectory->has_end() && path_.lasts(duration(*skill_) - path_.time()) <= next_->blend;
   return !blends;
 }
 
-// What leads the arm lets it rest until the start time; another controller would have its way with it.
-bool Loop::may_begin_early() const noexcept { return next_->controller->leads(); }
+// That there is one whose motion may be started: before its start time if its controller lets the arm rest until then, as one that
+// leads it does; another would have its way with it.
+bool Loop::may_begin() const noexcept {
+  return next_ != nullptr && (next_->controller->leads() || next_->start_ns <= driver_.received_ns());
+}
 
 void Loop::hold() noexcept {
   phase_ = Phase::kHolding;

@@ -86,7 +86,7 @@ class Loop {
   void change_motion(Channels motion) noexcept;
   bool fits_motion(const Skill& skill) const noexcept;
   bool next_waits() const noexcept;
-  bool may_begin_early() const noexcept;
+  bool may_begin() const noexcept;
   bool follows_failure(const Skill& skill) const noexcept;
   void hold() noexcept;
   void leave_motion() noexcept;

@@ -121,7 +121,7 @@ proto::RecordingStatus Recorder::ask(const proto::Record& request) {
   const std::lock_guard lock(mutex_);
   if (request.on() && !asked_for_) {  // what stood in the way of others may be gone
     status_.clear_error();
-    tries_again_ = true;
+    retry_ = Clock::time_point{};
   }
   if (request.has_on()) asked_for_ = request.on();
   return status_;
@@ -132,13 +132,9 @@ void Recorder::run() {
     const std::uint64_t there = box_.records.written();
     watch();
     note_gripper();
-    {
-      const std::lock_guard lock(mutex_);
-      if (std::exchange(tries_again_, false)) retry_ = {};
-    }
     if (!wanted()) {
       close(running_);
-    } else if (!running_ && Clock::now() >= retry_) {
+    } else if (!running_ && Clock::now() >= retry_.load()) {
       // From the skill's begin on, however late it is: states come while the file is opened.
       start(skill_wanted() ? Recording::Options{kBeforeSkill, kIdleStep, skill_began_} : Recording::Options{0, kIdleStep});
     }

@@ -86,7 +86,8 @@ class Recorder {
   bridge::RingReader<realtime::Record> watched_;
 
   std::unique_ptr<Recording> running_, kept_;
-  Clock::time_point started_{}, retry_{}, kept_until_{}, disk_seen_{}, gripper_seen_{};
+  Clock::time_point started_{}, kept_until_{}, disk_seen_{}, gripper_seen_{};
+  std::atomic<Clock::time_point> retry_{};
   std::string gripper_state_;
   realtime::Record record_;
   bool in_error_ = false;
@@ -94,7 +95,7 @@ class Recorder {
   std::uint64_t skill_began_ = 0, skill_last_seen_ = 0;  // how many records there were before; 0: no skill yet
 
   mutable std::mutex mutex_;
-  bool asked_for_ = false, tries_again_ = false;
+  bool asked_for_ = false;
   std::string keep_why_, keep_file_;  // what is to be kept, and the file of what is or was last
   bool keeps_ = false;                // keep_file_ is open
   frankapy::proto::RecordingStatus status_;

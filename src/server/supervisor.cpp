@@ -1,4 +1,3 @@
-#include "server/ending_signals.hpp"
 #include "server/supervisor.hpp"
 
 #include <fcntl.h>
@@ -25,6 +24,7 @@
 #include "server/arm_process.hpp"
 #include "server/black_box.hpp"
 #include "server/doorkeeper.hpp"
+#include "server/ending_signals.hpp"
 #include "server/part_record.hpp"
 #include "server/recorder.hpp"
 #include "server/shared_memory.hpp"

@@ -11,9 +11,10 @@ import pytest
 from conftest import HOME
 
 from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp, proto
-from frankapy.demonstration import Demonstration, require_writable
+from frankapy.demonstration import Demonstration
 from frankapy.parts import InternalImpedance
 from frankapy.sim import free_address
+from frankapy.writing import require_writable
 
 TRUTH_FILE = True
 
