@@ -22,6 +22,7 @@ constexpr std::size_t kDoorRoom = 4;            // results and skills that one m
 
 // Finishing a motion while the arm moves is a reflex; under torque control it may still swing when the reference rests.
 constexpr std::uint64_t kSettlingTime = 1000;  // ms after which it is damped until it rests
+constexpr std::uint64_t kDampedTime = 2000;    // ms after which one that does not is given to the robot, to stop it by itself
 
 // Torque that brings an arm to rest whose controller has failed, or does not hold it: damping, N m s/rad. What then still drifts
 // has a load that the robot does not know, and is caught by a spring, N m/rad.
@@ -187,7 +188,12 @@ void Loop::watch_robot() noexcept {
     case Phase::kRunning:
     case Phase::kHolding:
     case Phase::kBraking:
-      if (!robot_matches() || (motion_answer_ && state_.message_id >= motion_answer_until_)) fail_motion();
+      if (stop_sent_) {
+        if (!takes_motions) fail_motion();
+        if (robot_idle()) end_motion(Phase::kIdle);
+      } else if (!robot_matches() || (motion_answer_ && state_.message_id >= motion_answer_until_)) {
+        fail_motion();
+      }
       break;
     case Phase::kFinishing:
       if (robot_idle()) {
@@ -429,7 +435,7 @@ void Loop::take_bounds() noexcept {
 
 void Loop::send_command() noexcept {
   commanded_skill_ = skill_ != nullptr ? skill_->id : next_ != nullptr ? next_->id : 0;
-  sent_ = in_motion() || phase_ == Phase::kFinishing;
+  sent_ = (in_motion() && !stop_sent_) || phase_ == Phase::kFinishing;
   if (!sent_) return;
   command_.message_id = state_.message_id;
   if (phase_ == Phase::kFinishing) {
@@ -628,9 +634,14 @@ void Loop::leave_motion() noexcept {
     phase_ = Phase::kBraking;
     set_deadline(kSettlingTime);
   }
+  if (stop_sent_) return;
+  if (state_.message_id >= deadline_ + kDampedTime) {
+    stop_sent_ = driver_.post(fci::StopMove{}).has_value();
+    faulty_ |= stop_sent_;
+    return;
+  }
   if (!robot_->may_finish(cycle_) || !(gate_.at_rest() || faulty_)) return;
   phase_ = Phase::kFinishing;
-  stop_sent_ = false;
   set_deadline(kAnswerTime);
 }
 
@@ -860,7 +871,7 @@ void Loop::begin_motion() noexcept {
   command_ = {};
   tau_J_d_.setZero();
   cycle_.tau_J_d.setZero();
-  faulty_ = false;
+  faulty_ = stop_sent_ = false;
   held_.setZero();
   ticks_ = 1;
   cycle_.dq_ref.setZero();  // it may be that of a motion which has failed

@@ -1444,6 +1444,29 @@ TEST_F(LoopTest, AnArmThatAnUnknownLoadPullsAtRestsAfterAFault) {
   EXPECT_FALSE(robot.finished_while_moving);
 }
 
+TEST_F(LoopTest, AnArmThatDoesNotComeToRestIsStoppedByTheRobot) {
+  const auto shake = [&](int most) {
+    for (int k = 0; k < most && last.phase != Phase::kIdle; ++k) {
+      robot.load << 0, 0, 0, 0, 0, 8 * std::sin(0.2 * k), 8 * std::cos(0.2 * k);
+      ASSERT_TRUE(cycle());
+    }
+  };
+  give(by(0.01, 0.1), std::make_unique<JointImpedance>(gains()));
+  ASSERT_TRUE(until_result());
+  const std::uint64_t end = robot.state.message_id;
+  shake(6000);
+  EXPECT_EQ(last.phase, Phase::kIdle);
+  EXPECT_LT(robot.state.message_id - end, 5010u);
+  EXPECT_EQ(posted(fci::Command::kStopMove), 1);
+  EXPECT_FALSE(robot.finished_while_moving);
+  robot.load.setZero();
+  give(by(0.01, 0.1), std::make_unique<JointImpedance>(gains()));
+  ASSERT_TRUE(until_result());
+  EXPECT_EQ(results[1].ending, Ending::kTerminated);
+  ASSERT_TRUE(until(Phase::kIdle, 5000));
+  EXPECT_EQ(posted(fci::Command::kStopMove), 1);
+}
+
 TEST_F(LoopTest, AnArmThatALoadHoldsAwayFromItsReferenceIsNotLetGo) {
   give_internal(0.01, 0.1, stiffness(1000));
   ASSERT_TRUE(until(Phase::kIdle, 5000));

@@ -664,6 +664,33 @@ TEST_P(PushedBack, an_arm_that_swings_bears_no_more_than_it_can_and_is_no_faster
   EXPECT_TRUE(has(held, HeldBy::kWall));
 }
 
+// It is damped alone, as one that its controller has let go: what holds it in two places would be pushed both ways.
+TEST_P(PushedBack, an_arm_that_holds_what_lies_deep_in_itself_lies_still) {
+  SimulatedArm arm(GetParam(), Vector7::Map(models::kMotorInertia.data()));
+  TorqueGate gate(models::limits(models::arm(GetParam()), 10));
+  WallGuard guard;
+  auto* walls = new Walls{ArmCapsules(models::arm(GetParam()), true), {}};
+  const Vector3 middle(-0.031, 0.046, 0.223), along(-0.031, 0.046, 0.123);
+  ASSERT_TRUE(walls->arm.hold(middle - along, middle + along, 0.008));
+  guard.change(walls);
+  arm.q << 0.044, -0.682, -0.237, -2.343, -0.122, 0.6, 0.930;
+  arm.dq[6] = 0.2;
+  arm.observe();
+  ASSERT_LT(self_distance(walls->arm, arm.q).distance, -0.03);
+  const Vector7 damping = (Vector7() << 20, 20, 20, 20, 5, 5, 5).finished();
+  Vector7 sent = Vector7::Zero();
+  double fastest = 0, gone = 0;
+  const Vector7 begin = arm.q;
+  for (int k = 0; k < 4000; ++k) {
+    gate.pass(arm.cycle, guard, arm.model.coriolis() - damping.cwiseProduct(arm.dq), 0, sent);
+    arm.step(sent);
+    gone = std::max(gone, (arm.q - begin).cwiseAbs().maxCoeff());
+    if (k >= 1000) fastest = std::max(fastest, arm.dq.cwiseAbs().maxCoeff());
+  }
+  EXPECT_LT(gone, 0.02);
+  EXPECT_LT(fastest, 2e-3);
+}
+
 // Fingers that lie along the shoulder, or along a table: the nearest place of a capsule leaps there between its ends.
 TEST_P(PushedBack, an_arm_that_is_pressed_on_something_lies_still) {
   const models::Limits& limits = models::limits(models::arm(GetParam()), 10);

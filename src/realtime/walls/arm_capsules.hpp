@@ -19,6 +19,8 @@ class ArmCapsules {
     int link;      // 0 to 7, or kFlange
     Vector3 a, b;  // the ends of its axis in the link's frame, m
     double radius;
+
+    bool operator==(const Capsule&) const = default;
   };
 
   // Where they are in O. The base does not move, nor does link 1, which turns about the axis of its capsule: both are left out,

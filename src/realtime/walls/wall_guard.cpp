@@ -78,13 +78,21 @@ Walls* WallGuard::change(Walls* walls) noexcept {
     reach_[k] = reach(wall.shape);
     const auto* const end = before.data() + count;
     const auto* const same = std::find_if(before.data(), end, [&](const Known& each) { return each.id == wall.id; });
-    known_[k] = same != end ? *same : Known{wall.id};
+    known_[k] = same != end ? *same : Known{.id = wall.id};
   }
+  if (walls_ == nullptr || walls == nullptr || walls_->arm.all() != walls->arm.all()) itself_ = {};
   return std::exchange(walls_, walls);
 }
 
 void WallGuard::begin() noexcept {
-  for (Known& known : known_) known = {known.id};
+  for (Known& known : known_) known = Known{.id = known.id};
+  itself_ = {};
+}
+
+void WallGuard::Known::look(double depth) noexcept {
+  inside = depth > 0 && (inside || (is_new && depth > kDeep));
+  is_new = false;
+  share = std::min(share + kTick / kRise, 1.);
 }
 
 // Balls about both of them may say so, or else a ball about the capsule.
@@ -184,11 +192,14 @@ void WallGuard::look(const Vector7& q, const Vector7& dq) noexcept {
   };
   std::array<SelfContact, kMostContacts / 2> own;
   const std::size_t pairs = self_contacts(arm, here_, kSelfHorizon, own);
+  double least_way = kSelfHorizon;
   for (std::size_t k = 0; k < pairs; ++k) {
     const double way = own[k].distance - kSelfClearance - kSelfRoom;
-    near_ |= when(way < 0, HeldBy::kItself);
+    least_way = std::min(least_way, way);
     look_at(way, own[k].gradient, -1);
   }
+  near_ |= when(least_way < 0, HeldBy::kItself);
+  itself_.look(-least_way);
   std::array<double, Walls::kMost> deepest;  // m
   deepest.fill(-kHorizon);
   for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
@@ -219,12 +230,7 @@ void WallGuard::look(const Vector7& q, const Vector7& dq) noexcept {
       }
     }
   }
-  for (std::size_t wall = 0; wall < walls_->walls.size(); ++wall) {
-    Known& known = known_[wall];
-    known.inside = deepest[wall] > 0 && (known.inside || (known.is_new && deepest[wall] > kDeep));
-    known.is_new = false;
-    known.share = std::min(known.share + kTick / kRise, 1.);
-  }
+  for (std::size_t wall = 0; wall < walls_->walls.size(); ++wall) known_[wall].look(deepest[wall]);
 }
 
 HeldBy WallGuard::add(const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept {
@@ -255,8 +261,8 @@ HeldBy WallGuard::add(const Vector7& dq, const Matrix7& mobility, const Vector7&
     if (barrier.way < 0) {
       const double stiffness = std::min(kStiffness, kQuickest * kQuickest / answers[k].mobility);
       const double yields = std::clamp(barrier.gradient.dot(dq) / kAway, 0., 1.);
-      spring = stiffness * std::min(-barrier.way, kDeep) * (1 - yields);
-      if (barrier.wall >= 0) spring *= known_[barrier.wall].inside ? 0 : known_[barrier.wall].share;
+      const Known& known = barrier.wall < 0 ? itself_ : known_[barrier.wall];
+      spring = stiffness * std::min(-barrier.way, kDeep) * (1 - yields) * known.pushes();
     }
     tau_J_d += (answers[k].force + spring) * barrier.gradient;
     needed |= when(answers[k].force > 0, barrier.wall < 0 ? HeldBy::kItself : HeldBy::kWall);

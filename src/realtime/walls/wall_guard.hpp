@@ -30,7 +30,8 @@ struct Walls {
 // is looked at, so that there is always one that is clear, however thin a wall is. Torques: what a controller's torque makes of
 // the joints, ddq = M^-1 (tau_J_d - c), may take no capsule nearer to a wall, or to another of the arm, at a speed that could not
 // be braked in time (a control barrier, as JointBarrier), and from kClearance, or kSelfClearance, on a spring pushes back, as long
-// as the arm does not yield to it. A wall that holds the arm already deep inside does not push: there it is braked alone.
+// as the arm does not yield to it. A wall that holds the arm already deep inside does not push: there it is braked alone, and so it
+// is where something that it now holds lies deep inside the arm.
 class WallGuard {
  public:
   static constexpr double kClearance = 0.01;   // m from a wall, where motions end and a spring begins
@@ -81,8 +82,12 @@ class WallGuard {
     double least;
     int wall;    // -1: the arm itself
   };
-  // Of a wall, from when it came.
+  // Of a wall, or of the body of the arm, from when it came.
   struct Known {
+    // In a cycle: how deep the arm is in it, m beyond where its spring begins.
+    void look(double depth) noexcept;
+    double pushes() const noexcept { return inside ? 0 : share; }  // of its spring
+
     std::uint32_t id = 0;
     bool is_new = true;   // the arm has not been looked at since
     bool inside = false;  // the arm was deep in it then, and has not left it
@@ -97,6 +102,7 @@ class WallGuard {
   Walls* walls_ = nullptr;
   std::array<double, Walls::kMost> reach_{};  // of each wall, m
   std::array<Known, Walls::kMost> known_{};
+  Known itself_;
   std::uint32_t wall_ = 0;
 
   ArmCapsules::Place here_;
