@@ -23,8 +23,8 @@ def draws(seed: int) -> Draw:
 
 
 def truth(q: np.ndarray) -> np.ndarray:
-    rows = np.zeros(len(q), dtype=[("cycle", "<u8"), ("q", "<f8", 7)])
-    rows["cycle"], rows["q"] = np.arange(len(q)) + 1, q
+    rows = np.zeros(len(q), dtype=[("cycle", "<u8"), ("moving", "<u8"), ("q", "<f8", 7), ("dq", "<f8", 7)])
+    rows["cycle"], rows["moving"], rows["q"], rows["dq"] = np.arange(len(q)) + 1, 1, q, np.gradient(q, 0.001, axis=0)
     return rows
 
 
@@ -89,11 +89,16 @@ def test_distances_to_bodies(wall, expected):
     assert judge.distance(wall, np.zeros((1, 3)))[0] == pytest.approx(expected)
 
 
-def test_an_arm_that_goes_into_a_wall_is_found():
+@pytest.fixture
+def glass() -> tuple[proto.Wall, np.ndarray]:
+    """A wall, and a way of the joints on which joint 2 lets the hand down from home, at 0.49 m, into it and back."""
     wall = Box([2, 2, 0.3], [1.15, 0, 0.3])
     wall.name = "glass"
-    # Joint 2 lets the hand down from home, at 0.49 m, into it and back.
-    way = HOME + np.sin(np.linspace(0, np.pi, 500))[:, None] * [0, 0.3, 0, 0, 0, 0, 0]
+    return wall, HOME + np.sin(np.linspace(0, np.pi, 500))[:, None] * [0, 0.3, 0, 0, 0, 0, 0]
+
+
+def test_an_arm_that_goes_into_a_wall_is_found(glass):
+    wall, way = glass
     deepest = max(-judge.clearance(wall, q) for q in way[::10])
     assert deepest > 0.03
     rows = truth(way)
@@ -102,6 +107,21 @@ def test_an_arm_that_goes_into_a_wall_is_found():
     # Not before it is there, not after it has gone, and not on the way out.
     assert not judge.judge_walls(rows, [judge.Standing(wall, 1, 20), judge.Standing(wall, 481)])
     assert not judge.judge_walls(truth(way[250:]), [judge.Standing(wall, 1)])
+
+
+def test_where_the_robot_stops_an_arm_by_itself_is_not_judged_but_where_it_goes_from_there(glass):
+    wall, way = glass
+    standing = [judge.Standing(wall, 1)]
+    rows = truth(way)
+    rows["moving"][10:] = 0  # on the way in
+    assert not judge.judge_walls(rows, standing)
+    rows["moving"][60:] = 1  # and deeper
+    assert judge.judge_walls(rows, standing)
+    rows["moving"] = 1
+    rows["moving"][10:300] = 0  # on the way out
+    assert not judge.judge_walls(rows, standing)
+    rows["dq"] = 0  # it had ended
+    assert judge.judge_walls(rows, standing)
 
 
 def test_what_is_held_goes_into_a_wall_as_the_arm_does_while_it_is_held():

@@ -33,6 +33,7 @@ IDLE_STEP = 10  # cycles of which one is recorded while the robot holds itself
 NEAR = 0.05  # m; farther away a distance need not be exact
 SEARCHES = 30
 POINTS = 30  # of a capsule
+RESTS = 0.05  # rad/s; faster, no motion has ended
 APART = 3  # joints, from which on the robot minds that links meet
 FLANGE = 8  # its frame, and the number of the hand as a link
 
@@ -192,9 +193,22 @@ def self_distance(q: np.ndarray, held: Sequence[Capsule] = ()) -> float:
     return least
 
 
+def own_stops(truth: np.ndarray) -> np.ndarray:
+    """In which rows the robot stops an arm by itself: from the end of a motion in which it was fast to the next motion."""
+    moving = truth["moving"].astype(bool)
+    ends = np.flatnonzero(moving[:-1] & ~moving[1:] & (np.abs(truth["dq"][1:]).max(axis=1) > RESTS)) + 1
+    begins = np.append(np.flatnonzero(~moving[:-1] & moving[1:]) + 1, len(moving))
+    out = np.zeros(len(moving), dtype=bool)
+    for end in ends:
+        out[end : begins[np.searchsorted(begins, end)]] = True
+    return out
+
+
 def judge_walls(truth: np.ndarray, standing: list[Standing]) -> list[Violation]:
-    """No capsule past a wall, nor what is held; of one that was in it when it came, no deeper."""
+    """No capsule past a wall, nor what is held; of one that was in it when it came, or when the robot has stopped it, no deeper."""
     at = frames(truth["q"]) if standing else None
+    stops = own_stops(truth)
+    times = np.cumsum(np.diff(stops.astype(int), prepend=0) > 0)  # that it has been stopped
     always = Standing(proto.Wall(), 0)
     bodies = [(always, capsule) for capsule in capsules()] + [(each, held_capsule(each.wall)) for each in standing if each.wall.held]
     found = []
@@ -202,11 +216,12 @@ def judge_walls(truth: np.ndarray, standing: list[Standing]) -> list[Violation]:
         worst: tuple[float, int, int] | None = None
         for body, capsule in bodies:
             begin, end = max(each.begin, body.begin), min(each.end or np.inf, body.end or np.inf)
-            rows = np.flatnonzero((truth["cycle"] >= begin) & (truth["cycle"] < end))
+            rows = np.flatnonzero((truth["cycle"] >= begin) & (truth["cycle"] < end) & ~stops)
             if not len(rows):
                 continue
             depth = -gap(each.wall, capsule, at[capsule.frame][rows])
-            beyond = depth - np.maximum(np.minimum.accumulate(depth), 0)
+            parts = np.split(depth, np.flatnonzero(np.diff(times[rows])) + 1)
+            beyond = np.concatenate([part - np.maximum(np.minimum.accumulate(part), 0) for part in parts])
             k = int(beyond.argmax())
             if beyond[k] > PAST and (worst is None or beyond[k] > worst[0]):
                 worst = float(beyond[k]), capsule.frame, int(truth["cycle"][rows[k]])
