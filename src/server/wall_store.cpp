@@ -233,9 +233,9 @@ void WallStore::apply(const proto::ChangeWalls& change, const Keys::Client& who)
     entries.erase(found);
   }
   for (proto::Wall wall : change.put()) {
-    keep_fixed(wall.name());
+    const auto found = keep_fixed(wall.name());
     if (!lab) wall.clear_fixed();
-    put(wall, entries, ++id);
+    put(wall, entries, found != entries.end() ? found->second.id : ++id);  // one that moves stays itself
   }
   check_numbers(entries);
   entries_ = std::move(entries);

@@ -537,6 +537,31 @@ TEST_P(PushedBack, an_arm_that_a_wall_comes_about_is_not_flung_out) {
   }
 }
 
+// As an obstacle that is seen 20 times a second.
+TEST_P(PushedBack, a_wall_that_moves_pushes_the_arm_before_it) {
+  SimulatedArm arm(GetParam(), kMotors);
+  WallGuard guard;
+  const ArmCapsules body(models::arm(GetParam()), true);
+  const double begin = arm.cycle.O_T_EE.translation().x();
+  double least = 1e9;
+  for (int k = 0; k < 7000; ++k) {
+    if (k % 50 == 0) {
+      const double at = begin + 0.15 - std::min(0.05e-3 * k, 0.3);  // 0.05 m/s
+      delete guard.change(new Walls{body, {{1, plane({at, 0, 0}, -Vector3::UnitX())}}});
+    }
+    Vector6 push = Vector6::Zero();
+    push[0] = 20;
+    Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
+    guard.look(arm.q, arm.dq);
+    guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
+    arm.step(tau, arm.model.jacobian().transpose() * push);
+    const double at = begin + 0.15 - std::min(0.05e-3 * (k / 50 * 50), 0.3);
+    least = std::min(least, clearance_of({body, {{1, plane({at, 0, 0}, -Vector3::UnitX())}}}, arm.q));
+  }
+  EXPECT_GT(least, -0.002);
+  EXPECT_GT(begin - arm.cycle.O_T_EE.translation().x(), 0.14);
+}
+
 // Whatever stands about it, what is pressed against is not left out.
 TEST_P(PushedBack, many_walls_hold_as_one_does) {
   for (const int count : {1, 64}) {

@@ -70,6 +70,21 @@ TEST_F(WallStoreTest, what_is_to_be_kept_is_there_again_until_it_is_removed) {
   EXPECT_TRUE(names(WallStore({}, -1, file_)).empty());
 }
 
+// The loop knows it again by its number, whose spring is there.
+TEST_F(WallStoreTest, a_wall_that_moves_stays_itself) {
+  WallStore store({}, -1, file_);
+  const auto number = [&] { return store.make(models::arm("fr3"), true)->walls.at(0).id; };
+  store.change(put(sphere("visitor", 0.3, false)));
+  const std::uint32_t first = number();
+  store.change(put(sphere("visitor", 0.2, false)));
+  EXPECT_EQ(number(), first);
+  EXPECT_EQ(store.name(first), "visitor");
+  proto::ChangeWalls change = put(sphere("visitor", 0.2, false));
+  change.add_remove("visitor");
+  store.change(change);
+  EXPECT_NE(number(), first);
+}
+
 proto::Wall mesh(const std::string& name, double offset) {
   proto::Wall wall = sphere(name, 1, false);
   wall.mutable_mesh();

@@ -69,7 +69,6 @@ Eigen::Matrix<double, N, 1> past_bounds(const Eigen::Matrix<double, N, 1>& chang
 WallGuard::~WallGuard() { delete walls_; }
 
 Walls* WallGuard::change(Walls* walls) noexcept {
-  wall_ = 0;
   contact_count_ = barrier_count_ = 0;
   const auto before = known_;
   const std::size_t count = walls_ != nullptr ? walls_->walls.size() : 0;
@@ -89,9 +88,9 @@ void WallGuard::begin() noexcept {
   itself_ = {};
 }
 
-void WallGuard::Known::look(double depth) noexcept {
-  inside = depth > 0 && (inside || (is_new && depth > kDeep));
-  is_new = false;
+void WallGuard::Known::look(double now) noexcept {
+  inside = now > 0 && (inside || (now > kDeep && now > depth + kDeep));  // no arm goes so far in a cycle
+  depth = now;
   share = std::min(share + kTick / kRise, 1.);
 }
 

@@ -30,7 +30,7 @@ struct Walls {
 // is looked at, so that there is always one that is clear, however thin a wall is. Torques: what a controller's torque makes of
 // the joints, ddq = M^-1 (tau_J_d - c), may take no capsule nearer to a wall, or to another of the arm, at a speed that could not
 // be braked in time (a control barrier, as JointBarrier), and from kClearance, or kSelfClearance, on a spring pushes back, as long
-// as the arm does not yield to it. A wall that holds the arm already deep inside does not push: there it is braked alone, and so it
+// as the arm does not yield to it. A wall that comes where the arm is deep inside does not push: there it is braked alone, and so it
 // is where something that it now holds lies deep inside the arm.
 class WallGuard {
  public:
@@ -64,7 +64,7 @@ class WallGuard {
   void look(const Vector7& q, const Vector7& dq) noexcept;
   HeldBy add(const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept;
 
-  // The wall that stood in the way, the last time one did; 0: none since change().
+  // The wall that stood in the way, the last time one did; 0: none yet. It may be no more.
   std::uint32_t wall() const noexcept { return wall_; }
 
  private:
@@ -85,12 +85,12 @@ class WallGuard {
   // Of a wall, or of the body of the arm, from when it came.
   struct Known {
     // In a cycle: how deep the arm is in it, m beyond where its spring begins.
-    void look(double depth) noexcept;
+    void look(double now) noexcept;
     double pushes() const noexcept { return inside ? 0 : share; }  // of its spring
 
     std::uint32_t id = 0;
-    bool is_new = true;   // the arm has not been looked at since
-    bool inside = false;  // the arm was deep in it then, and has not left it
+    bool inside = false;  // it came, or moved, about the arm, which was deep in it then and has not left it
+    double depth = -1;    // m, in the cycle before
     double share = 0;     // of its spring, that is there
   };
 
