@@ -27,7 +27,7 @@ ALONE = exec 9< . && { flock -n 9 || { echo "Another make is at work here: waiti
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 .PHONY: help packages setup build programs demo demo-lockstep pictures test test-cpp test-python test-nightly types wall wall-20 \
-	bench bench-programs interop interop-lockstep safety safety-gate peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
+	bench bench-programs interop interop-lockstep safety safety-gate safety-lacking peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -102,6 +102,13 @@ safety: programs $(VENV)/.frankapy ## look for violations of what keeps the arm 
 
 safety-gate: programs $(VENV)/.frankapy
 	$(VENV)/bin/python tests/safety/campaign.py --gate $(JUNIT)/safety.xml
+
+# A kind of violation, and the server that lacks what is against it.
+LACKING := limit:unlimited wall:unwalled hung:unrecovering
+safety-lacking: bench-programs ## see that the campaign finds what servers lack (make nightly)
+	@for each in $(LACKING); do echo "$$each"; \
+	  timeout 600 $(VENV)/bin/python tests/safety/campaign.py --no-shrink --until-found $${each%:*} --server $(BUILD)/bench/franka-interface-$${each#*:} || exit 1; done
+	timeout 600 $(VENV)/bin/python tests/safety/campaign.py --no-shrink --until-found recording --record off
 
 FUZZERS := client_to_arm arm_to_client control_channel client_to_server
 fuzz: fuzz-600 ## send mutated bytes to every parser, under sanitizers, for ten minutes each

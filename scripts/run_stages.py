@@ -68,6 +68,7 @@ NIGHTLY = [
     Stage("asan-all", 5400),
     Stage("tsan-all", 5400),
     Stage("fuzz", 2200),
+    Stage("safety-lacking", 2700),
     Stage("safety", 36000),
     Stage("bench", 36000),
 ]

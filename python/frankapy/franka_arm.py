@@ -1040,7 +1040,7 @@ class FrankaArm:
 
     @checks_flags
     def stop_gripper(self, block: bool = True, skill_desc: str = "StopGripper") -> None:
-        """Stop the fingers where they are."""
+        """Stop the fingers where they are; what they hold they press no longer."""
         self._hand.command(hand.STOP, block, ignore_errors=True)
 
     # --- reads ---------------------------------------------------------------------------------------------------

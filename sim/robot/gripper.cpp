@@ -38,14 +38,14 @@ Gripper::Gripper() : force_(kMaxForce), temperature_(kTemperature) {}
 void Gripper::home() { begin(Task::kHome, kMaxWidth + 2 * kHomingForce / kStiffness, kHomingSpeed, kHomingForce); }
 
 void Gripper::move(const fci::gripper::Move& request) {
-  if (!(request.width >= 0 && request.width <= kMaxWidth + kArrived) || !(request.speed > 0)) return end(Status::kFail);
+  if (!(request.width >= 0 && request.width <= kMaxWidth + kArrived) || !(request.speed > 0)) return refuse();
   begin(Task::kMove, request.width, request.speed, kMaxForce);
 }
 
 void Gripper::grasp(const fci::gripper::Grasp& request) {
   if (!(request.width >= 0 && request.width <= kMaxWidth + kArrived) || !(request.speed > 0) ||
       !(request.force > 0 && request.force <= kPeakForce) || !(request.epsilon_inner >= 0) || !(request.epsilon_outer >= 0)) {
-    return end(Status::kFail);
+    return refuse();
   }
   grasp_ = request;
   // Fingers that are narrower than the object take hold of it from inside. The goal lies so far beyond what stops
@@ -56,7 +56,8 @@ void Gripper::grasp(const fci::gripper::Grasp& request) {
 }
 
 void Gripper::stop() {
-  if (task_ != Task::kHold) goal_ = reference_ = state_.width / 2;
+  goal_ = reference_ = state_.width / 2;
+  gripping_ = false;
   task_ = Task::kHold;
 }
 
@@ -68,6 +69,12 @@ void Gripper::begin(Task task, double width, double speed, double force) {
   speed_ = std::min(speed, kMaxSpeed) / 2;
   force_ = force;
   still_ = 0;
+}
+
+// What was under way has been aborted; what is held stays held.
+void Gripper::refuse() {
+  if (task_ != Task::kHold) stop();
+  end(Status::kFail);
 }
 
 void Gripper::end(Status outcome) {

@@ -20,7 +20,7 @@ class Gripper {
   void home();
   void move(const fci::gripper::Move& request);
   void grasp(const fci::gripper::Grasp& request);
-  // The fingers stay where they are; what they hold already they go on holding.
+  // The fingers stay where they are, and press no longer: what they hold is let go.
   void stop();
 
   // One cycle: force of each finger (N, > 0 opens) from its opening (m).
@@ -35,6 +35,7 @@ class Gripper {
   enum class Task { kHold, kHome, kMove, kGrasp };
   void begin(Task task, double opening, double speed, double force);
   void follow_up(double position, double velocity);
+  void refuse();
   void end(Status outcome);
 
   Task task_ = Task::kHold;

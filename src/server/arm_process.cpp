@@ -82,8 +82,7 @@ class ArmProcess {
         recorder_(box, recordings, config.name, gripper_.get()),
         sensors_(context_, {options.listen, keys_.get()}, options.sensor_port, box.journal, door_.robot_time, config.lockstep),
         transport_(context_, {options.listen, keys_.get()}, options.port, door_, publisher_, sensors_, recorder_, gripper_.get(),
-                   WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1,
-                             fmt::format("{}/franka-interface/walls/{}@{}", data_folder(), config.name, config.address)),
+                   WallStore(config.walls, options.status_fd >= 0 ? ArmOptions::kWallsFd : -1, walls_file(config)),
                    Transport::Options{.clock = {}, .recovery = config.recovery},
                    LimitStore(config.limits, options.status_fd >= 0 ? ArmOptions::kLimitsFd : -1)) {}
 

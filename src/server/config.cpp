@@ -462,6 +462,10 @@ std::string data_folder() {
   return fmt::format("{}/.local/share", home != nullptr && *home != 0 ? home : "/var/lib");
 }
 
+std::string walls_file(const ArmConfig& arm) {
+  return fmt::format("{}/franka-interface/walls/{}@{}", data_folder(), arm.name, arm.address);
+}
+
 std::string config_folder() {
   const char* config = std::getenv("XDG_CONFIG_HOME");
   if (config != nullptr && *config != 0) return config;

@@ -86,6 +86,9 @@ std::string config_of_robot(const std::string& address, bool gripper);
 // The folder of the user's data, where what the server keeps is by default ($XDG_DATA_HOME).
 std::string data_folder();
 
+// Where those of its walls are that are to be kept.
+std::string walls_file(const ArmConfig& arm);
+
 // The folder of the user's configuration ($XDG_CONFIG_HOME).
 std::string config_folder();
 

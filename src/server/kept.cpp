@@ -26,7 +26,8 @@ bool load(const std::string& path, google::protobuf::Message& message) {
   if (path.empty() || !std::filesystem::exists(path)) return true;
   std::ifstream file(path, std::ios::binary);
   const std::string bytes(std::istreambuf_iterator<char>(file), {});
-  if (file && message.ParseFromString(bytes)) return true;
+  // Empty is what a file system may leave when the power fails.
+  if (file && !bytes.empty() && message.ParseFromString(bytes)) return true;
   message.Clear();
   return false;
 }
@@ -42,6 +43,10 @@ void save(const std::string& path, const google::protobuf::Message& message) {
   if (path.empty()) return;
   const std::filesystem::path whole = path, part = path + ".part";
   std::filesystem::create_directories(whole.parent_path());
+  if (message.ByteSizeLong() == 0) {
+    std::filesystem::remove(whole);
+    return;
+  }
   {
     std::ofstream file(part, std::ios::binary);
     file << message.SerializeAsString() << std::flush;

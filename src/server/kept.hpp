@@ -13,7 +13,7 @@ namespace server {
 bool load(int fd, google::protobuf::Message& message);
 bool load(const std::string& path, google::protobuf::Message& message);
 
-// Whole, or as it was. Throws std::system_error.
+// Whole, or as it was; of an empty message there is no file of a path. Throws std::system_error.
 void save(int fd, const google::protobuf::Message& message);
 void save(const std::string& path, const google::protobuf::Message& message);
 

@@ -65,6 +65,12 @@ void LimitStore::connect(const models::Limits& arm) {
   allowed_.set_torque(1);
   allowed_.set_tool_speed(arm.translation.velocity);
   allowed_.set_power(greatest_power(arm));
+  // What arm it is was not known when the file was read.
+  const auto look = [](const char* what, const std::optional<double>& lab, double arms, const char* unit) {
+    if (lab && *lab > arms) spdlog::warn("[arm.limits] {} = {:g}: this arm allows {:g} {}, which holds", what, *lab, arms, unit);
+  };
+  look("tool_speed", lab_.tool_speed, allowed_.tool_speed(), "m/s");
+  look("power", lab_.power, allowed_.power(), "W");
   set_most();
 }
 

@@ -13,6 +13,7 @@
 #include "server/log.hpp"
 #include "server/plugins.hpp"
 #include "server/supervisor.hpp"
+#include "server/wall_store.hpp"
 
 int main(int argc, char** argv) {
   CLI::App app("Serves Franka arms to frankapy. Give the arm's address, or a file that names the arms.");
@@ -81,6 +82,7 @@ int main(int argc, char** argv) {
     if (!config.keys.empty()) config.keys = (folder / config.keys).lexically_normal();
     const auto known = server::keys_for(config.listen, config.keys);
     server::try_parts(load);
+    for (const auto& each : config.arms) server::kept_walls(server::walls_file(each));
     std::vector<std::string> arguments = {"--recordings", config.recordings.folder};
     if (!record.empty()) arguments.insert(arguments.end(), {"--record", record});
     for (const auto& path : load) arguments.insert(arguments.end(), {"--load", path});

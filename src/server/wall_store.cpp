@@ -103,6 +103,14 @@ std::string name_of_link(int link) {
   return link == realtime::ArmCapsules::kFlange ? "the hand or what it holds" : fmt::format("link {}", link);
 }
 
+proto::Walls kept_walls(const std::string& file) {
+  proto::Walls kept;
+  if (load(file, kept)) return kept;
+  throw std::runtime_error(fmt::format("{}: the walls that were to be kept cannot be read. Bring the file back, or remove it and add "
+                                       "them anew (frankapy walls add ... --keep)",
+                                       file));
+}
+
 WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd, std::string file) : fd_(fd), file_(std::move(file)) {
   for (proto::Wall wall : fixed) {
     wall.set_fixed(true);
@@ -111,8 +119,7 @@ WallStore::WallStore(const std::vector<proto::Wall>& fixed, int fd, std::string 
     configured_.insert(wall.name());
   }
   check_numbers(entries_);
-  proto::Walls kept;
-  if (!load(file_, kept)) spdlog::error("{}: the walls in it cannot be read: add them anew", file_);
+  const proto::Walls kept = kept_walls(file_);
   for (const proto::Wall& wall : kept.walls()) {
     if (configured_.contains(wall.name())) {
       spdlog::warn("a wall that was kept is left out: the configuration has a wall \"{}\"", wall.name());

@@ -14,13 +14,17 @@
 
 namespace server {
 
+// Those that are to be kept while no server runs; none where there is no such file. Throws std::runtime_error where it cannot be
+// read: an arm must not move without what was to protect it.
+frankapy::proto::Walls kept_walls(const std::string& file);
+
 // The walls of an arm by name, of its configuration and of clients. Those that are protected (Wall.fixed), as those of the
 // configuration are, only role lab changes. It makes of them what the loop has.
 class WallStore {
  public:
   // Those of the configuration, and what clients have changed in a file that outlives this process (-1: none), which is kept as
   // it is; of their walls, those that are to be kept also in one that outlives the server (empty: none). Throws Refused as
-  // change().
+  // change(), and as kept_walls().
   explicit WallStore(const std::vector<frankapy::proto::Wall>& fixed, int fd = -1, std::string file = {});
 
   // Throws Refused: a wall that is none or that is protected from `who`, one to remove that is not there, more than the loop

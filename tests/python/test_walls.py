@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from conftest import HOME, REPOSITORY, client_after_crash
 
-from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaConstants, RigidTransform, connection, proto
+from frankapy import (
+    FrankaArm,
+    FrankaArmArgumentError,
+    FrankaArmBusyException,
+    FrankaArmException,
+    FrankaConstants,
+    RigidTransform,
+    connection,
+    proto,
+)
 from frankapy.cli import main
 from frankapy.parts import (
     CartesianImpedance,
@@ -23,6 +32,7 @@ from frankapy.parts import (
     StreamPose,
     Time,
 )
+from frankapy.sim import SimulatedArm, Simulation
 from frankapy.walls import Box, Capsule, Cylinder, Mesh, Plane, Sphere, from_boxes, read_stl
 
 sys.path[:0] = [str(REPOSITORY / "tests" / "safety"), str(REPOSITORY / "tests" / "interop")]
@@ -216,6 +226,40 @@ def test_a_pose_slides_along_a_wall_to_beside_its_goal(controller, walled, ideal
     assert 0.005 < gap(ideal_arm.truth(first)) < 0.02
 
 
+def test_an_arm_inside_a_wall_may_go_away_and_no_deeper(walled, ideal_arm):
+    tool = walled.get_pose().translation
+    walled.walls.add("crate", Box([0.4, 0.4, 0.3], tool - [0, 0, 0.1]))  # its top is 5 cm above the tool's centre
+    with pytest.raises(FrankaArmArgumentError, match='wall "crate"'):
+        walled.run(RelativeMinJerkPose([0, 0, -0.05], frame="base", duration=2))
+    first = ideal_arm.cycle()
+    walled.run(StreamPose("goal", delay=0, timeout=0), CartesianImpedance(), Never(), block=False)
+    with walled.publisher("goal") as publisher:
+        publisher.publish(proto.PosePositionSensorMessage(position=tool - [0, 0, 0.1], quaternion=walled.get_pose().quaternion))
+        held = walled.wait_for(lambda state: bool(state.held_by & proto.WALL), timeout=60).robot.message_id
+        walled.wait_for(lambda state: state.robot.message_id > held + 1000, timeout=60)
+    walled.stop_skill()
+    gaps = [clearance(walled.walls["crate"], q) for q in ideal_arm.truth(first)["q"][::20]]
+    assert min(gaps) > gaps[0] - 0.002
+    walled.run(RelativeMinJerkPose([0, 0, 0.2], frame="base", duration=3))
+    assert clearance(walled.walls["crate"], walled.get_joints()) > 0.03
+
+
+def test_an_arm_gives_way_to_a_wall_that_moves(walled, ideal_arm):
+    ideal_arm.end_motion(walled)
+    tool = walled.get_pose().translation
+    gaps = []
+    with ideal_arm.standing_still():
+        walled.run(StayJoint(60), FreeDrive(), Never(), block=False)
+        for y in np.linspace(0.2, 0, 80):  # its face; 0.05 m/s, seen 20 times a second
+            walled.walls["visitor"] = Box([0.3, 0.3, 0.2], tool + [0, y + 0.15, 0])
+            ideal_arm.simulation.step(50)
+            gaps.append(clearance(walled.walls["visitor"], ideal_arm.simulation.truth().q))
+    walled.stop_skill()
+    assert min(gaps) > 0
+    assert gaps[-1] < 0.01
+    assert walled.last_skill_result.wall == "visitor"
+
+
 def test_an_arm_that_is_pushed_is_held_off(walled, ideal_arm):
     walled.walls.add("glass", WALL)
     ideal_arm.end_motion(walled)
@@ -293,6 +337,20 @@ def test_walls_outlive_the_process_of_their_arm(walled, ideal_arm):
         assert list(again.walls) == ["glass"]
         with pytest.raises(FrankaArmArgumentError, match='wall "glass"'):
             again.goto_joints(LEFT, ignore_virtual_walls=True)
+
+
+def test_walls_that_are_to_be_kept_outlive_the_server_which_does_not_start_without_them(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    with Simulation(SimulatedArm(lockstep=True)) as simulation, FrankaArm(server=simulation.server) as fa:
+        fa.walls.add("glass", WALL, keep=True)
+        fa.walls.add("visitor", WALL)
+        arm = SimulatedArm(lockstep=True, address=simulation.addresses[0])
+    with Simulation(arm) as simulation, FrankaArm(server=simulation.server) as fa:
+        assert list(fa.walls) == ["glass"]
+    (file,) = (tmp_path / "franka-interface" / "walls").iterdir()
+    file.write_bytes(b"")  # as a file system may leave it when the power fails
+    with pytest.raises(FrankaArmException, match=f"{file}: the walls that were to be kept cannot be read"):
+        Simulation(arm)
 
 
 def test_stl_files_are_read_in_text_and_binary(tmp_path):

@@ -5,7 +5,10 @@
     .venv/bin/python tests/safety/campaign.py --seed 17 --events 3 8 9      and of it these events alone
     make safety-gate              some events of each kind, always the same ones
 
-What a run is: scenario.py; what it is judged by: judge.py; docs/safety-campaign.md. Ends with 1 when a violation was found.
+    make safety-lacking           that it finds what servers lack
+
+What a run is: scenario.py; what it is judged by: judge.py; docs/safety-campaign.md. Ends with 1 when a violation was found, or
+--until-found when it was not.
 """
 
 import argparse
@@ -191,7 +194,11 @@ def told(what: Scenario, outcome: Outcome, folder: Path) -> str:
     kept.parent.mkdir(parents=True, exist_ok=True)
     shutil.move(folder, kept)
     (kept / "said.txt").write_text("\n".join([f"{what}", *outcome.said]) + "\n")
-    lines = [f"seed {what.seed} ({what.robot}): {len(outcome.violations)} violations; make safety SEED={what.seed}"]
+    again = f"make safety SEED={what.seed}"
+    if len(what.events) < scenario.EVENTS:
+        places = " ".join(str(event.seed[1]) for event in what.events)
+        again = f".venv/bin/python tests/safety/campaign.py --seed {what.seed} --events {places}"
+    lines = [f"seed {what.seed} ({what.robot}): {len(outcome.violations)} violations; {again}"]
     for violation in outcome.violations[:5]:
         where = "" if violation.event is None else f"in event {violation.event}, {what.kind_at(violation.event)}: "
         lines.append(f"  {violation.kind}: {where}{violation.text}")
@@ -260,6 +267,8 @@ def main() -> int:
         if not options.server and options.record == "always":
             entries = json.loads(BENCH.read_text()) if BENCH.exists() else {}
             BENCH.write_text(json.dumps(entries | campaign.entries(), indent=2, sort_keys=True) + "\n")
+    if options.until_found:
+        return 0 if campaign.found[options.until_found] else 1
     if bad and not options.no_shrink and options.events is None:
         print("Which events does the first of them need?", file=sys.stderr)
         places = campaign.shrink(*bad[0])

@@ -223,13 +223,12 @@ TEST_F(WallStoreTest, what_is_protected_only_the_lab_changes) {
   close(fd);
 }
 
-TEST_F(WallStoreTest, a_file_that_is_none_is_left_out) {
+TEST_F(WallStoreTest, a_file_that_cannot_be_read_is_no_file_without_walls) {
   std::filesystem::create_directories(folder_ / "walls");
-  std::ofstream(file_) << "no walls";
-  WallStore store({}, -1, file_);
-  EXPECT_TRUE(names(store).empty());
-  store.change(put(sphere("bench", 0.2, true)));
-  EXPECT_EQ(names(WallStore({}, -1, file_)).size(), 1u);
+  for (const char* text : {"no walls", ""}) {
+    std::ofstream(file_) << text;
+    EXPECT_THROW(WallStore({}, -1, file_), std::runtime_error) << '"' << text << '"';
+  }
 }
 
 TEST_F(WallStoreTest, what_cannot_be_kept_is_not_there) {

@@ -56,6 +56,26 @@ TEST(Gripper, StopAbortsWhatIsUnderWay) {
   EXPECT_NEAR(hand.state.width, width, 1e-4);
 }
 
+TEST(Gripper, ARefusedCommandStopsTheOneUnderWay) {
+  DrivenArm arm;
+  RawGripper hand(arm);
+  EXPECT_EQ(hand.ask(gripper::Move{0, 0.1}), Status::kSuccess);
+  const auto expect_rest = [&](auto refused) {
+    const auto move = hand.post(gripper::Move{0.08, 0.01});
+    for (const double from = hand.newest().width; hand.newest().width < from + 0.005;) {
+    }
+    const auto id = hand.post(refused);
+    EXPECT_EQ(hand.answer(move), Status::kAborted);
+    EXPECT_EQ(hand.answer(id), Status::kFail);
+    for (int i = 0; i < 10; ++i) hand.newest();
+    const double width = hand.state.width;
+    for (int i = 0; i < 10; ++i) hand.newest();
+    EXPECT_NEAR(hand.state.width, width, 1e-4);
+  };
+  expect_rest(gripper::Move{-0.01, 0.1});
+  expect_rest(gripper::Grasp{0.02, 0.005, 0.005, 0.1, 141});
+}
+
 TEST(Gripper, ANewCommandAbortsTheOneUnderWay) {
   DrivenArm arm;
   RawGripper hand(arm);
@@ -118,7 +138,6 @@ TEST(Gripper, TakesABlockFromTheTableAndLiftsIt) {
   EXPECT_NEAR(hand.state.width, 0.04, 0.002);
   EXPECT_EQ(hand.ask(gripper::Move{.width = 0.02, .speed = 0.1}), Status::kUnsuccessful);  // the block is in the way
   EXPECT_EQ(grasp(0.04, 0.005, 0.005), Status::kSuccess);
-  EXPECT_EQ(hand.ask(gripper::Stop{}), Status::kSuccess);  // which goes on holding
   go(robot, 0.5, -0.15, 0.2, 1500);
   for (int i = 0; i < 5; ++i) hand.newest();
   EXPECT_TRUE(hand.state.is_grasped);
@@ -144,6 +163,12 @@ TEST(Gripper, PressesWithTheForceThatIsAskedForUpToAllThatItHas) {
     for (int i = 0; i < 10; ++i) hand.newest();
     EXPECT_TRUE(hand.state.is_grasped);
     for (const double felt : world.truth().finger_force) EXPECT_NEAR(felt, force, 0.02 * force);
+    EXPECT_EQ(hand.ask(gripper::Move{0.09, 0.1}), Status::kFail);
+    EXPECT_TRUE(hand.fresh().is_grasped);  // what is held stays held
+    EXPECT_EQ(hand.ask(gripper::Stop{}), Status::kSuccess);
+    for (int i = 0; i < 10; ++i) hand.newest();
+    EXPECT_FALSE(hand.state.is_grasped);
+    for (const double felt : world.truth().finger_force) EXPECT_LT(felt, 1);
   }
 }
 

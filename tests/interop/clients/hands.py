@@ -40,9 +40,10 @@ def grasp(hand, read, raise_arm):
     height = report.world("block_height")
     raise_arm()
     report.expect("the block's rise", report.world("block_height") - height, report.DISTANCE, 0.01)
+    expect_hand(read, WIDTH, True)
     if not hand.stop():
         raise AssertionError("stop failed")
-    expect_hand(read, WIDTH, True)
+    expect_hand(read, WIDTH, False)
     if not hand.move(2 * WIDTH, SPEED):
         raise AssertionError("move failed")
     expect_hand(read, 2 * WIDTH, False)
