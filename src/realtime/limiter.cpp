@@ -57,7 +57,7 @@ constexpr double kStray = 1e-4;     // rad/s or m/s between a robot's reference 
 constexpr double kMismatch = 0.05;  // of a limit, between the derivatives that a reference has and those of its positions
 constexpr double kStuckWay = 1e-3;  // rad, m that is no way made
 constexpr int kStuckCycles = 500;
-constexpr double kWayStep = 0.015;  // rad, m between the places of a way to rest, at most where there are enough of them
+constexpr double kWayStep = 0.005;  // rad, m between the places of a way to rest, at most where there are enough of them
 
 // Of one coordinate: the step to the next output, and velocity and acceleration at its end.
 struct Step {

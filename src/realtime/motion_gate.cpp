@@ -219,6 +219,7 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   }
   const ArmCapsules* const arm = walls_.arm();
   const double clearance = WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0);
+  const bool soon = soon_;
   const HeldBy met = arm == nullptr ? HeldBy::kNothing : meets(*arm, reference, clearance);
   held |= met;
   walled_ = met == HeldBy::kWall;
@@ -237,7 +238,7 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
     }
     limiter_.take_back();
   }
-  soon_ = true;
+  soon_ = soon || reference.motion == Channels::kPose;  // the other way was not looked at
   limiter_.brake(kTick, reference, soon_);
   return held;
 }

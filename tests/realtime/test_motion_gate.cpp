@@ -10,6 +10,7 @@
 #include "realtime/rotation.hpp"
 #include "realtime/tick.hpp"
 #include "realtime/trajectories/stream_pose.hpp"
+#include "realtime/walls/self_distance.hpp"
 #include "tests/realtime/simulated_arm.hpp"
 
 namespace {
@@ -132,6 +133,41 @@ TEST_P(StretchedArm, catches_up_with_what_its_joints_can_bear) {
     }
   }
   EXPECT_LT(worst, 1.1);
+}
+
+class FoldedArm : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Arms, FoldedArm, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
+
+// Whatever is asked for, and however its joints come to move: on the way to rest that was clear.
+TEST_P(FoldedArm, keeps_from_itself) {
+  const models::Arm& arm = models::arm(GetParam());
+  const models::Limits& limits = models::limits(arm, 10);
+  const ArmCapsules body(arm, true);
+  Model model(models::urdf(arm, 10));
+  MotionGate gate(limits, model);
+  delete gate.keep_from(new Walls{body, {}});
+  std::mt19937 engine(3);
+  std::uniform_real_distribution<> some(0, 1);
+  Reference reference, wanted;
+  reference.motion = wanted.motion = Channels::kJoint;
+  reference.joint.q = Vector7::Map(models::kHome.data());
+  gate.reset(reference);
+  double least = 1;
+  HeldBy held = HeldBy::kNothing;
+  for (int cycle = 0, until = 0; cycle < 200'000; ++cycle) {
+    if (cycle == until) {
+      until += 50 + static_cast<int>(600 * some(engine));
+      for (int i = 0; i < models::kJoints; ++i) wanted.joint.q[i] = -1 + 2 * some(engine);
+      wanted.joint.q[3] = limits.q_min[3] + some(engine);
+      wanted.joint.q[5] = limits.q_min[5] + 2 * some(engine);
+    }
+    model.update(reference.joint.q, reference.joint.dq);
+    gate.observe(reference, Vector7::Zero(), nullptr);
+    held |= gate.follow(wanted, reference);
+    least = std::min(least, self_distance(body, reference.joint.q).distance);
+  }
+  EXPECT_TRUE(has(held, HeldBy::kItself));
+  EXPECT_GT(least, models::kCapsuleMargin + 5e-4) << "what the way looks like between its places";
 }
 
 class FastPose : public LoadedArm {};

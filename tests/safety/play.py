@@ -374,11 +374,11 @@ class Player:
             self._say(f"{type(skill['trajectory']).__name__} with {law} in {skill.get('robot_controller', 'auto')} until {ends}")
 
     def _broke_off(self) -> bool:
-        """Whether the last skill ends by an error of the robot, which may be over by then: the arm recovers by itself."""
+        """Whether an error of the robot ends the last skill, or its motion does not begin: it may be over by then, as the arm recovers by itself."""
         self._try(self._fa.wait_for_skill)
         with self._tried():
             result = self._motions[-1].result(REPORTED) if self._motions else None
-            return result is not None and result.ending == proto.ROBOT_ERROR
+            return result is not None and result.ending in (proto.ROBOT_ERROR, proto.REFUSED)
         return False
 
     def _count(self, arguments: dict) -> None:
