@@ -50,6 +50,12 @@ std::int64_t now_ns() {
 
 Vector7 vector(const fci::Vector7& values) { return Vector7::Map(values.data()); }
 
+// Of a motion: by an error.
+bool is_aborted(fci::Status status) {
+  using enum fci::Status;
+  return status == kReflexAborted || status == kEmergencyAborted || status == kInputErrorAborted || status == kAborted;
+}
+
 // How far the reference is behind what is wanted, by what lets a path wait.
 double lag(const Reference& wanted, const Reference& reference) {
   constexpr double kJoint = 0.05, kPosition = 0.03, kAngle = 0.1;  // rad, m, rad
@@ -155,6 +161,8 @@ void Loop::take_answers() noexcept {
       move_id_.reset();
       if (phase_ == Phase::kStarting && answer->status == fci::Status::kNotPossible && !overdue()) {
         move_again_ = state_.message_id + kMoveAgain;  // the motion before may not be over on the robot's side
+      } else if (phase_ == Phase::kStarting && is_aborted(answer->status) && !overdue()) {
+        move_again_ = std::numeric_limits<std::uint64_t>::max();  // a state is to come that says by which error
       } else if (phase_ == Phase::kStarting) {
         phase_ = Phase::kIdle;
         drop_next(Ending::kRefused, fci::Command::kMove, answer->status);

@@ -864,6 +864,22 @@ TEST_F(LoopTest, RefusalsEndTheSkillWithRequestAndStatus) {
   EXPECT_EQ(results[2].ending, Ending::kTerminated);
 }
 
+// The answer may precede the state.
+TEST_F(LoopTest, AMotionThatAnErrorKeepsFromBeginningEndsWithThatError) {
+  robot.refused = fci::Command::kMove;
+  robot.refusal = fci::Status::kReflexAborted;
+  robot.answer_delay = 2;
+  give_internal();
+  ASSERT_TRUE(until([&] { return posted(fci::Command::kMove) == 1; }));
+  cycles(4);
+  ASSERT_TRUE(results.empty());
+  robot.reflex(fci::Error::kCartesianReflex);
+  ASSERT_TRUE(until_result(5));
+  EXPECT_EQ(results[0].ending, Ending::kRobotError);
+  EXPECT_TRUE(results[0].errors[static_cast<std::size_t>(fci::Error::kCartesianReflex)]);
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+}
+
 TEST_F(LoopTest, AnswersThatNeverComeEndTheSkillWithinASecond) {
   robot.silent = fci::Command::kSetJointImpedance;
   give_internal(0.1, 0.2, stiffness(500));
