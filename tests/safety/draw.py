@@ -29,6 +29,8 @@ CAPS = {"s": 1, "N": 30, "N m": 10, "m": 0.3, "rad": 0.5, "m/s": 0.5, "rad/s": 1
 PAIR_CAPS = CAPS | {"N m": 3, "rad/s": 1, "N m/rad": 300}  # of "one, other", which are linear and angular
 # Movement primitives: their rules leave any number.
 PRIMITIVE = {"tau": (0.5, 3), "alpha": (30, 250), "beta": (8, 60), "mu": (0, 1), "h": (5, 100), "weights": (-0.25, 0.25)}
+# Of the robot's own laws: softer, it throws the arm past the limits that its reference keeps to.
+FIRM = {"K_theta": ([500] * 7, [3000] * 7), "K_x": ([1000] * 3 + [100] * 3, [3000] * 3 + [300] * 3)}
 SOFTER = 0.2  # that of an orientation, whose time is a part of the duration
 SAMPLES = 10_000  # rows from which on a table is of one sample for each ms
 _T = TypeVar("_T")
@@ -205,6 +207,8 @@ class Draw:
             count = 1 if not is_repeated(field) else self._basis * (self._dimensions(message, name) if stem == "weights" else 1)
             share = SOFTER if name.startswith("quat_") and stem in ("alpha", "beta") else 1
             return share * self._random.uniform(*PRIMITIVE[stem], count)
+        if stem in FIRM:
+            return self._random.uniform(*FIRM[stem])
         if rule.unit_norm or stem == "quaternions":
             return self._quaternions(rows, relative=bool(rule.initial))
         if rule.unit == "rad" and (rule.size == 7 or rule.row == 7 or stem == "joints") and not rule.HasField("min"):

@@ -59,7 +59,6 @@ FLOOR_SETTINGS = f'[[arm.wall]]\nname = "{FLOOR.name}"\nshape = "plane"\npositio
 # What an arm may meet that is led by hand or by a force: itself, and what stands around it. The server keeps references from that.
 MEETS_ITSELF = "self_collision_avoidance_violation"
 NEAR_ITSELF = 0.04  # m; motions keep 0.031
-TOO_FAST = "joint_velocity_violation"  # where the robot's own law is soft, and its joints are not led
 MET = {MEETS_ITSELF, "tau_j_range_violation", "joint_reflex", "cartesian_reflex"}
 KEPT = 8000  # last datagrams of either way
 TOUCH = 10, 5  # N, N m, felt by an arm at rest that leans on something
@@ -369,8 +368,6 @@ class Player:
             law = type(skill["controller"]).__name__ if "controller" in skill else "InternalImpedance"
             if may_drift(law):
                 self._expected |= MET
-            if getattr(skill.get("controller"), "K_x", ()) and law == "InternalImpedance":
-                self._expected.add(TOO_FAST)
             self._say(f"{type(skill['trajectory']).__name__} with {law} in {skill.get('robot_controller', 'auto')} until {ends}")
 
     def _broke_off(self) -> bool:
