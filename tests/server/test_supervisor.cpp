@@ -37,6 +37,7 @@ class Program {
     if (pipe2(out, O_CLOEXEC) != 0 || pipe2(err, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
     pid_ = testing_tools::fork_child();
     if (pid_ == 0) {
+      for (const int number : {SIGINT, SIGHUP}) signal(number, SIG_DFL);  // as tests in the background are started without them
       dup2(out[1], STDOUT_FILENO);
       dup2(err[1], STDERR_FILENO);
       execv(words[0], words.data());
@@ -294,6 +295,14 @@ TEST(Supervisor, ATakenPortIsNamedWithTheRemedy) {
   EXPECT_NE(second.log().find("does another franka-interface run? Stop it, or choose another --port"), std::string::npos)
       << second.log();
   EXPECT_EQ(first.stop(SIGTERM), 0);
+}
+
+TEST(Supervisor, EndsByTheSignalsOfATerminal) {
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
+    Program program({"--robot", free_address(), "--port", "0"});
+    EXPECT_EQ(program.stop(number), 0) << number;
+    EXPECT_NE(program.log().find("stopping: the arms brake and finish"), std::string::npos) << program.log();
+  }
 }
 
 TEST(Supervisor, ABadFileEndsTheProgramBeforeAnythingStarts) {
