@@ -28,8 +28,8 @@ using namespace realtime;
 constexpr int kCycles = 50'000;
 constexpr double kBrake = 5;  // rad/s²
 
-// As many walls as there may be about its hand, half of them meshes with all the triangles that there may be; and it holds as many
-// bodies as it may.
+// As many walls as there may be about its hand, half of them meshes with all the triangles that there may be; and it
+// holds as many bodies as it may.
 std::unique_ptr<Walls> most_about(const models::Arm& arm) {
   auto out = std::make_unique<Walls>(Walls{ArmCapsules(arm, true), {}});
   constexpr int kMeshes = Walls::kMost / 2;
@@ -49,7 +49,8 @@ std::unique_ptr<Walls> most_about(const models::Arm& arm) {
     Shape shape{Shape::Kind::kBox, Vector3::Constant(kSize), Eigen::Isometry3d::Identity()};
     if (k % 2 == 0) shape.kind = Shape::Kind::kMesh, shape.mesh = mesh;
     const double turn = 2.4 * k, down = std::acos(1 - 2 * (k + 0.5) / Walls::kMost);  // evenly on a ball
-    shape.O_T_S.translation() = Vector3(0.31, 0, 0.5) + 0.25 * Vector3(std::sin(down) * std::cos(turn), std::sin(down) * std::sin(turn), std::cos(down));
+    const Vector3 out_of_hand(std::sin(down) * std::cos(turn), std::sin(down) * std::sin(turn), std::cos(down));
+    shape.O_T_S.translation() = Vector3(0.31, 0, 0.5) + 0.25 * out_of_hand;
     out->walls.push_back({static_cast<std::uint32_t>(k + 1), shape});
   }
   for (int k = 0; k < ArmCapsules::kMostHeld; ++k) {

@@ -476,6 +476,14 @@ TEST_F(Walled, walls_come_and_go_while_a_skill_runs) {
 
 // --- torque --------------------------------------------------------------------------------------------------------------------
 
+// One cycle of an arm without a spring of its own, which somebody pushes along x of O with so many N.
+void pushed_step(SimulatedArm& arm, WallGuard& guard, double force) {
+  Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
+  guard.look(arm.q, arm.dq);
+  guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
+  arm.step(tau, arm.model.jacobian().transpose() * (force * Vector6::Unit(0)));
+}
+
 class PushedBack : public testing::TestWithParam<const char*> {};
 INSTANTIATE_TEST_SUITE_P(Arms, PushedBack, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
 
@@ -489,14 +497,8 @@ TEST_P(PushedBack, an_arm_without_a_spring_of_its_own_stops_before_a_wall_and_is
   const auto clearance = [&] { return clearance_of(*walls, arm.q); };
   double fastest = 0, least = 1e9;
   for (int k = 0; k < 6000; ++k) {
-    Vector6 push = Vector6::Zero();
-    push[0] = 30;  // N, towards the wall
-    Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
-    guard.look(arm.q, arm.dq);
-    guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
-    const Vector7 external = arm.model.jacobian().transpose() * push;
     fastest = std::max(fastest, (arm.model.jacobian() * arm.dq)[0]);
-    arm.step(tau, external);
+    pushed_step(arm, guard, 30);  // towards the wall
     least = std::min(least, clearance());
   }
   EXPECT_GT(fastest, 0.3);
@@ -516,12 +518,7 @@ TEST_P(PushedBack, an_arm_that_a_wall_comes_about_is_not_flung_out) {
     double fastest = 0, out = 0;
     const auto run = [&](int cycles, double force) {
       for (int k = 0; k < cycles; ++k) {
-        Vector6 push = Vector6::Zero();
-        push[0] = force;
-        Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
-        guard.look(arm.q, arm.dq);
-        guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
-        arm.step(tau, arm.model.jacobian().transpose() * push);
+        pushed_step(arm, guard, force);
         fastest = std::max(fastest, (arm.model.jacobian() * arm.dq).head<3>().norm());
       }
       out = begin.x() - arm.cycle.O_T_EE.translation().x();
@@ -541,22 +538,16 @@ TEST_P(PushedBack, an_arm_that_a_wall_comes_about_is_not_flung_out) {
 TEST_P(PushedBack, a_wall_that_moves_pushes_the_arm_before_it) {
   SimulatedArm arm(GetParam(), kMotors);
   WallGuard guard;
-  const ArmCapsules body(models::arm(GetParam()), true);
+  Walls seen{ArmCapsules(models::arm(GetParam()), true), {{1, plane({0, 0, 0}, -Vector3::UnitX())}}};
   const double begin = arm.cycle.O_T_EE.translation().x();
   double least = 1e9;
   for (int k = 0; k < 7000; ++k) {
     if (k % 50 == 0) {
-      const double at = begin + 0.15 - std::min(0.05e-3 * k, 0.3);  // 0.05 m/s
-      delete guard.change(new Walls{body, {{1, plane({at, 0, 0}, -Vector3::UnitX())}}});
+      seen.walls[0].shape.O_T_S.translation().x() = begin + 0.15 - std::min(0.05e-3 * k, 0.3);  // 0.05 m/s
+      delete guard.change(new Walls(seen));
     }
-    Vector6 push = Vector6::Zero();
-    push[0] = 20;
-    Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
-    guard.look(arm.q, arm.dq);
-    guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
-    arm.step(tau, arm.model.jacobian().transpose() * push);
-    const double at = begin + 0.15 - std::min(0.05e-3 * (k / 50 * 50), 0.3);
-    least = std::min(least, clearance_of({body, {{1, plane({at, 0, 0}, -Vector3::UnitX())}}}, arm.q));
+    pushed_step(arm, guard, 20);
+    least = std::min(least, clearance_of(seen, arm.q));
   }
   EXPECT_GT(least, -0.002);
   EXPECT_GT(begin - arm.cycle.O_T_EE.translation().x(), 0.14);
@@ -575,12 +566,7 @@ TEST_P(PushedBack, many_walls_hold_as_one_does) {
     guard.change(walls);
     double least = 1e9;
     for (int k = 0; k < 4000; ++k) {
-      Vector6 push = Vector6::Zero();
-      push[0] = 30;
-      Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
-      guard.look(arm.q, arm.dq);
-      guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
-      arm.step(tau, arm.model.jacobian().transpose() * push);
+      pushed_step(arm, guard, 30);
       least = std::min(least, clearance_of(*walls, arm.q));
     }
     EXPECT_GT(least, 0) << count;

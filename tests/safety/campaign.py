@@ -4,7 +4,6 @@
     make safety SEED=17           one run again
     .venv/bin/python tests/safety/campaign.py --seed 17 --events 3 8 9      and of it these events alone
     make safety-gate              some two minutes, always the same seeds
-
     make safety-lacking           that it finds what servers lack
 
 What a run is: scenario.py; what it is judged by: judge.py; docs/safety-campaign.md. Ends with 1 when a violation was found, or
@@ -186,6 +185,11 @@ class Campaign:
         } | kinds
 
 
+def of_events(seed: int, places: list[int]) -> str:
+    """Return the command that plays these events of a run again."""
+    return f".venv/bin/python tests/safety/campaign.py --seed {seed} --events {' '.join(map(str, places))}"
+
+
 def told(what: Scenario, outcome: Outcome, folder: Path) -> str:
     """What was found in a run, with where it is left and how to have it again."""
     kept = FOUND / f"seed-{what.seed}"
@@ -193,10 +197,8 @@ def told(what: Scenario, outcome: Outcome, folder: Path) -> str:
     kept.parent.mkdir(parents=True, exist_ok=True)
     shutil.move(folder, kept)
     (kept / "said.txt").write_text("\n".join([f"{what}", *outcome.said]) + "\n")
-    again = f"make safety SEED={what.seed}"
-    if len(what.events) < scenario.EVENTS:
-        places = " ".join(str(event.seed[1]) for event in what.events)
-        again = f".venv/bin/python tests/safety/campaign.py --seed {what.seed} --events {places}"
+    whole = len(what.events) == scenario.EVENTS
+    again = f"make safety SEED={what.seed}" if whole else of_events(what.seed, [event.seed[1] for event in what.events])
     lines = [f"seed {what.seed} ({what.robot}): {len(outcome.violations)} violations; {again}"]
     for violation in outcome.violations[:5]:
         where = "" if violation.event is None else f"in event {violation.event}, {what.kind_at(violation.event)}: "
@@ -271,8 +273,7 @@ def main() -> int:
     if bad and not options.no_shrink and options.events is None:
         print("Which events does the first of them need?", file=sys.stderr)
         places = campaign.shrink(*bad[0])
-        needed = " ".join(map(str, places)) + (f" --server {options.server}" if options.server else "")
-        print(f"these: .venv/bin/python tests/safety/campaign.py --seed {bad[0][0].seed} --events {needed}")
+        print(f"these: {of_events(bad[0][0].seed, places)}" + (f" --server {options.server}" if options.server else ""))
     return 1 if bad else 0
 
 

@@ -371,7 +371,7 @@ class Player:
             self._say(f"{type(skill['trajectory']).__name__} with {law} in {skill.get('robot_controller', 'auto')} until {ends}")
 
     def _broke_off(self) -> bool:
-        """Whether an error of the robot ends the last skill, or its motion does not begin: it may be over by then, as the arm recovers by itself."""
+        """Whether an error ends the last skill, or keeps it from beginning: it may be over by then, as the arm recovers by itself."""
         self._try(self._fa.wait_for_skill)
         with self._tried():
             result = self._motions[-1].result(REPORTED) if self._motions else None
