@@ -19,7 +19,7 @@ Limiter::~Limiter() = default;
 void Limiter::reduce(const models::Limits&) noexcept {}
 void Limiter::bound(const Vector7&) noexcept {}
 void Limiter::spare(double, double) noexcept {}
-void Limiter::reset(const Reference& from) noexcept { impl_->last = from; }
+bool Limiter::reset(const Reference& from) noexcept { return impl_->last = from, false; }
 void Limiter::joints_follow(const JointsOfPose&, const JointsOfPose&, bool) noexcept {}
 bool Limiter::has_room() noexcept { return true; }
 Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept { return q; }
@@ -72,8 +72,8 @@ bool JointBarrier::add(const Vector7&, const Vector7&, const Matrix7&, const Vec
 }
 
 FallingTorque::FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest,
-                             const Vector7& gravity, const Vector7& rate, const Vector7& sent) noexcept
-    : model_(model), mobility_(mobility), rest_(rest), gravity_(gravity), rate_(rate), sent_(sent), dq_(dq) {}
+                             const Vector7& gravity, const Vector7& rate, const Vector7& sent, const WallGuard& walls) noexcept
+    : model_(model), mobility_(mobility), rest_(rest), gravity_(gravity), rate_(rate), sent_(sent), walls_(walls), dq_(dq) {}
 bool FallingTorque::keeps(const SpeedBounds&, const Vector7&) const noexcept { return true; }
 void FallingTorque::hold(const SpeedBounds&, const Vector7&, Vector7&) const noexcept {}
 

@@ -5,6 +5,7 @@ namespace {
 
 constexpr double kHardly = 1e-3;  // m/s
 constexpr double kNoForce = 0.1;  // N
+constexpr double kMostTurn = 0.5;  // rad, of joints that go as they came: of a hand that merely turned it would be any number
 
 }  // namespace
 
@@ -13,7 +14,8 @@ void BackOff::plan(const SoftEnding& ending, const Reference& reference, const V
   const bool joints = reference.motion == Channels::kJoint;
   const Vector3 v = joints ? Vector3(model.jacobian().topRows<3>() * reference.joint.dq)
                            : Vector3(reference.cartesian.velocity.head<3>());
-  const bool came = v.norm() > kHardly;
+  const bool turned = joints && ending.distance * reference.joint.dq.norm() > kMostTurn * v.norm();
+  const bool came = v.norm() > kHardly && !turned;
   if (!came && pushes.norm() < kNoForce) return;  // nothing says where to
   way_ = ending.distance * (came ? Vector3(-v.normalized()) : Vector3(pushes.normalized()));
   if (joints && came) {

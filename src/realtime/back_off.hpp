@@ -7,8 +7,8 @@
 namespace realtime {
 
 // The way back of an arm that has touched something: straight against the motion that EE had, with least jerk. Joints go as they
-// came, so that whatever of the arm touched comes free; EE goes the distance as far as its Jacobian says. Where EE hardly moved
-// it goes with the force that pushes it.
+// came, so that whatever of the arm touched comes free; EE goes the distance as far as its Jacobian says. Where EE hardly moved, or
+// joints turned and it hardly along with them, it goes with the force that pushes it.
 class BackOff {
  public:
   // `reference` moves as it did when the contact was noticed; `pushes`: the force on EE, N, axes of O; q: measured, rad, where the

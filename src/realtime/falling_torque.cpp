@@ -17,8 +17,8 @@ constexpr double kUnforeseen = 1.5;  // times the change of velocity that M now 
 }  // namespace
 
 FallingTorque::FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest,
-                             const Vector7& gravity, const Vector7& rate, const Vector7& sent) noexcept
-    : model_(model), mobility_(mobility), rest_(rest), gravity_(gravity), rate_(rate), sent_(sent), dq_(dq) {
+                             const Vector7& gravity, const Vector7& rate, const Vector7& sent, const WallGuard& walls) noexcept
+    : model_(model), mobility_(mobility), rest_(rest), gravity_(gravity), rate_(rate), sent_(sent), walls_(walls), dq_(dq) {
   dq_.noalias() += kTick * (mobility * (sent - rest));
 }
 
@@ -38,12 +38,13 @@ FallingTorque::Fall FallingTorque::fall(const Vector7& tau, const Vector7& to, c
     const double y = 1 - static_cast<double>(k) / kPlaces;
     fall.taken = std::max(fall.taken, power_taken(to + y * u + gravity_, dq_ + (1 - y * y) * falls / 2 * ddq));
   }
+  fall.to_walls = walls_.too_fast(dq_, mobility_, rate_, tau - rest_);
   return fall;
 }
 
 bool FallingTorque::Fall::keeps(const SpeedBounds& bounds) const noexcept {
   return (dq.array() <= bounds.dq_max.array()).all() && (dq.array() >= bounds.dq_min.array()).all() && tool <= bounds.tool &&
-         power <= bounds.power && taken <= bounds.taken;
+         power <= bounds.power && taken <= bounds.taken && to_walls <= bounds.to_walls;
 }
 
 bool FallingTorque::keeps(const SpeedBounds& bounds, const Vector7& tau) const noexcept {
@@ -56,7 +57,7 @@ void FallingTorque::hold(const SpeedBounds& bounds, const Vector7& goal, Vector7
   const Fall least = fall(back, goal, Vector3::Zero());
   const SpeedBounds no_farther{bounds.dq_min.cwiseMin(least.dq).array() - kSame, bounds.dq_max.cwiseMax(least.dq).array() + kSame,
                                std::max(bounds.tool, least.tool) + kSame, std::max(bounds.power, least.power) + kSame,
-                               std::max(bounds.taken, least.taken) + kSame};
+                               std::max(bounds.taken, least.taken) + kSame, std::max(bounds.to_walls, least.to_walls) + kSame};
   double share = 0;
   for (int i = 0; i < kHalvings; ++i) {
     const double more = i == 0 ? 1 : share + std::ldexp(1., -i);

@@ -1,15 +1,17 @@
 #pragma once
 
 #include "realtime/model.hpp"
+#include "realtime/walls/wall_guard.hpp"
 
 namespace realtime {
 
-// Between which speeds are to stay, and what the joints may do together.
+// Between which speeds are to stay, and what the joints may do together; to walls nothing may come too fast.
 struct SpeedBounds {
   Vector7 dq_min, dq_max;  // rad/s
   double tool;             // m/s, of the origin of EE; may be infinite, as may
   double power;            // W
   double taken;            // W, by the joints that drive, gravity included
+  double to_walls = 0;     // m/s, WallGuard::too_fast()
 };
 
 // What becomes of an arm whose torque falls as fast as the robot lets it: all of it together, in a straight line to where it makes
@@ -20,9 +22,13 @@ struct SpeedBounds {
 class FallingTorque {
  public:
   // `sent`: the last torque, which acts in this cycle (N m); `rest`: that with which the joints do not accelerate; `gravity`: what
-  // they bear beside; `mobility`: joint_mobility() (1/(kg m²)); `rate`: N m/s, at which each torque may fall. All must outlive this.
+  // they bear beside; `mobility`: joint_mobility() (1/(kg m²)); `rate`: N m/s, at which each torque may fall; `walls`: after add().
+  // All must outlive this.
   FallingTorque(const Model& model, const Vector7& dq, const Matrix7& mobility, const Vector7& rest, const Vector7& gravity,
-                const Vector7& rate, const Vector7& sent) noexcept;
+                const Vector7& rate, const Vector7& sent, const WallGuard& walls) noexcept;
+
+  // Velocities when the next torque begins to act, rad/s.
+  const Vector7& dq() const noexcept { return dq_; }
 
   // Whether the arm keeps to the bounds if it falls from this torque to `rest`.
   bool keeps(const SpeedBounds& bounds, const Vector7& tau) const noexcept;
@@ -33,10 +39,11 @@ class FallingTorque {
   void hold(const SpeedBounds& bounds, const Vector7& goal, Vector7& tau) const noexcept;
 
  private:
-  // Of a fall from tau to `to`: the velocities at its end, and the greatest speed (m/s) and powers (W) on the way.
+  // Of a fall from tau to `to`: the velocities at its end, and the greatest speed (m/s) and powers (W) on the way; and how fast it
+  // would come to walls if it were braked instead.
   struct Fall {
     Vector7 dq;
-    double tool, power, taken;
+    double tool, power, taken, to_walls;
 
     bool keeps(const SpeedBounds& bounds) const noexcept;
   };
@@ -47,7 +54,8 @@ class FallingTorque {
   const Model& model_;
   const Matrix7& mobility_;
   const Vector7 &rest_, &gravity_, &rate_, &sent_;
-  Vector7 dq_;  // when the next torque begins to act
+  const WallGuard& walls_;
+  Vector7 dq_;
 };
 
 }  // namespace realtime

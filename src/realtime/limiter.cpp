@@ -933,13 +933,13 @@ Vector7 Limiter::joint_velocity_to_come() const noexcept {
   return dq;
 }
 
-void Limiter::reset(const Reference& from) noexcept {
+bool Limiter::reset(const Reference& from) noexcept {
   // As if the outputs before had come with constant acceleration: differences lag by half a cycle.
   constexpr double kHalfCycle = 0.0005;  // s
   Impl& m = *impl_;
   m.stuck_cycles = 0;
   m.stuck_at = from;
-  if (m.is_last(from)) return;  // and the differences are known
+  if (m.is_last(from)) return true;  // and the differences are known
   m.last = from;
   m.motion = from.motion;
   m.has_along = false;
@@ -965,6 +965,7 @@ void Limiter::reset(const Reference& from) noexcept {
     set(m.rotation, from.cartesian.velocity.tail<3>(), from.cartesian.acceleration.tail<3>());
   }
   m.before = m;
+  return false;
 }
 
 void Limiter::joints_follow(const JointsOfPose& joints, const JointsOfPose& ahead, bool robots) noexcept {

@@ -40,8 +40,8 @@ class Limiter {
 
   // Continues from here: what the robot has as its last command. Motion, position, velocity and
   // acceleration count. To be called before all else, and whenever the reference jumps on purpose
-  // (another motion, re-based by a controller, lost to an error).
-  void reset(const Reference& from) noexcept;
+  // (another motion, re-based by a controller, lost to an error). True if it is the last output, from which nothing jumps.
+  bool reset(const Reference& from) noexcept;
 
   // For a pose that the robot's joints are to follow: to be called before each step, until reset() begins something new.
   // `ahead` is the map at joints_ahead(joints.q). `robots`: the robot makes the joints, of which nobody knows how it damps them

@@ -100,6 +100,7 @@ bool Loop::cycle() noexcept {
   take_walls();
   take_bounds();
   watch_robot();
+  begin_again();
   change_skill();
   prepare_motion();
   if (in_motion()) {
@@ -337,6 +338,7 @@ void Loop::end_softly(SoftEnding& ending) noexcept {
 void Loop::generate_reference() noexcept {
   int steps = robot_->pass(static_cast<int>(ticks_), gate_.limiter(), reference_);
   coasted_ |= robot_->has_reference() && ticks_ > 1;
+  if (coasted_) gate_.strayed();
   const Vector7 q_d = vector(state_.q_d);
   gate_.prefer(phase_ == Phase::kRunning ? posture() : std::nullopt);
   gate_.observe(reference_, model_.gravity(base_gravity(state_)), robot_->makes_joints() ? &q_d : nullptr);
@@ -886,10 +888,27 @@ void Loop::begin_motion() noexcept {
   gate_.place(cycle_.q);
   gate_.walls().begin();
   if (releases_) return let_go();
+  begins_for_ = robot_->has_reference() ? RobotController::kMostLost : 0;
+  begins_at_ = vector(state_.q_d);
   reference_ = robot_->start(cycle_, motion_of(next_->trajectory->fills()), model_);
   start_skill();
   skill_time_ = -cycle_.dt;  // its time begins with this command
   path_.step_back();
+}
+
+// As the first command did not come. Else the second was the first that the robot gets: it may begin the motion there, at rest.
+void Loop::begin_again() noexcept {
+  if (begins_for_ == 0) return;
+  const bool begun = state_.control_command_success_rate > 0 || vector(state_.q_d) != begins_at_;
+  if (begun || phase_ != Phase::kRunning || next_ != nullptr) {
+    begins_for_ = 0;
+    return;
+  }
+  const int left = begins_for_ - 1;
+  next_ = std::exchange(skill_, nullptr);
+  holder_ = nullptr;
+  begin_motion();
+  begins_for_ = left;
 }
 
 // Whether the robot's own law, as it is to be for the next skill, would tear the arm from where a softer one lets it be: it holds

@@ -55,15 +55,17 @@ MotionGate::MotionGate(const models::Limits& limits, Model& model)
 
 Walls* MotionGate::keep_from(Walls* walls) noexcept {
   self_ = {};  // what it holds may be another
+  unseen_ = true;
   return walls_.change(walls);
 }
 
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
-  walled_ = slowed_ = soon_ = false;
+  walled_ = slowed_ = false;
+  if (limiter_.reset(from)) return;  // and comes to rest as before
+  soon_ = unseen_ = false;
   spared_ = 1;
   limiter_.spare(1, 1);
-  limiter_.reset(from);
 }
 
 void MotionGate::place(const Vector7& q) noexcept {
@@ -92,7 +94,8 @@ void MotionGate::observe(const Reference& reference, const Vector7& gravity, con
   robots_ = q_d != nullptr;
   if (reference.motion == Channels::kPose) {
     const double damping = robots_ ? Model::kNoDamping : Model::kCalm;
-    limiter_.joints_follow(joints_, model_.joints_of_pose(limiter_.joints_ahead(joints_.q), damping), robots_);
+    ahead_ = model_.joints_of_pose(limiter_.joints_ahead(joints_.q), damping);
+    limiter_.joints_follow(joints_, ahead_, robots_);
   }
 }
 
@@ -225,6 +228,7 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   walled_ = met == HeldBy::kWall;
   if (met == HeldBy::kNothing) {
     spared_ = spared.braking;
+    unseen_ = false;
     return held;
   }
   limiter_.take_back();
@@ -238,40 +242,52 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
     }
     limiter_.take_back();
   }
-  soon_ = soon || reference.motion == Channels::kPose;  // the other way was not looked at
+  soon_ = soon || unseen_ || reference.motion == Channels::kPose;  // the other way was not looked at
   limiter_.brake(kTick, reference, soon_);
   return held;
 }
 
 // What is in the way to rest: gently, and where that does not do as soon as may be. How soon a pose rests is known roughly only.
 HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept {
-  const auto look = [&](bool soon) {
-    soon_ = soon;
-    look_to_rest(reference);
-    if (!self_.clear(arm, joints_.q, way_to_rest())) return HeldBy::kItself;
-    return when(walls_.active() && !walls_.clear(joints_.q, way_to_rest(), clearance), HeldBy::kWall);
-  };
-  const HeldBy met = look(false);
-  return met == HeldBy::kNothing || reference.motion == Channels::kPose ? met : look(true);
+  const HeldBy met = meets(arm, reference, clearance, false);
+  soon_ = met != HeldBy::kNothing && reference.motion != Channels::kPose;
+  return soon_ ? meets(arm, reference, clearance, true) : met;
+}
+
+HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, double clearance, bool soon) noexcept {
+  look_to_rest(reference, soon);
+  if (!self_.clear(arm, joints_.q, way_to_rest())) return HeldBy::kItself;
+  return when(walls_.active() && !walls_.clear(joints_.q, way_to_rest(), clearance), HeldBy::kWall);
 }
 
 bool MotionGate::brake(Reference& reference, bool soon) noexcept {
   before_ = reference;
+  const ArmCapsules* const arm = walls_.arm();
+  if (arm != nullptr && !soon_) {
+    const auto is_clear = [&](bool how) { return meets(*arm, reference, WallGuard::kClearance, how) == HeldBy::kNothing; };
+    soon_ = unseen_ && !is_clear(false);
+    soon = soon && (soon_ || is_clear(true));
+  }
+  unseen_ = false;
   return limiter_.brake(kTick, reference, soon || soon_);
 }
 
 // The reference itself is a place of its own: between two others the way bends by little, but it would be left in every cycle anew.
-void MotionGate::look_to_rest(const Reference& reference) noexcept {
+void MotionGate::look_to_rest(const Reference& reference, bool soon) noexcept {
   if (reference.motion == Channels::kJoint) {
     joints_.q = before_.joint.q;
     way_[0] = reference.joint.q;
-    places_ = 1 + limiter_.way_to_rest(std::span(way_).subspan(1), soon_);
+    places_ = 1 + limiter_.way_to_rest(std::span(way_).subspan(1), soon);
   } else {
     std::array<Vector6, WallGuard::kMostOnWay - 1> poses;
     places_ = 1 + limiter_.way_to_rest(std::span(poses));
     const Vector6 step = change_between(before_.cartesian, reference.cartesian);
     way_[0] = joints_.q + joints_.dq_dP * step;
-    for (std::size_t k = 1; k < places_; ++k) way_[k] = joints_.q + joints_.dq_dP * (step + poses[k - 1]);
+    for (std::size_t k = 1; k < places_; ++k) {
+      // The map changes along the way: on average by half of what it has changed there.
+      const double share = static_cast<double>(k) / static_cast<double>(places_ - 1);
+      way_[k] = joints_.q + (joints_.dq_dP + share / 2 * (ahead_.dq_dP - joints_.dq_dP)) * (step + poses[k - 1]);
+    }
   }
 }
 

@@ -32,6 +32,9 @@ class MotionGate {
   // The same of walls and of the body of the arm; as WallGuard::change().
   Walls* keep_from(Walls* walls) noexcept;
 
+  // The reference is no more where a step has led it, as commands did not come to the robot: its way to rest was not looked at.
+  void strayed() noexcept { unseen_ = true; }
+
   // Continues from here. A pose that does not go on from what was commanded before has its joints where the arm is, q (rad).
   void reset(const Reference& from) noexcept;
   void place(const Vector7& q) noexcept;
@@ -43,9 +46,10 @@ class MotionGate {
   // that the robot makes of a pose, or null where they are to follow it here.
   void observe(const Reference& reference, const Vector7& gravity, const Vector7* q_d) noexcept;
 
-  // The reference one tick on, for what is wanted, and what held it back; on the way to rest, true if it is at rest.
+  // The reference one tick on, for what is wanted, and what held it back; on the way to rest, true if it is at rest. `soon`: as
+  // Limiter::brake(), unless something is in the way that it makes so.
   HeldBy follow(const Reference& wanted, Reference& reference) noexcept;
-  bool brake(Reference& reference, bool soon = false) noexcept;  // as Limiter::brake()
+  bool brake(Reference& reference, bool soon = false) noexcept;
 
   // The reference before the last step.
   const Reference& before() const noexcept { return before_; }
@@ -74,7 +78,8 @@ class MotionGate {
   void share_tool_speed(const Reference& wanted) noexcept;
   bool elbow_is_clear(const Vector7& q) noexcept;
   HeldBy meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept;
-  void look_to_rest(const Reference& reference) noexcept;
+  HeldBy meets(const ArmCapsules& arm, const Reference& reference, double clearance, bool soon) noexcept;
+  void look_to_rest(const Reference& reference, bool soon) noexcept;
   Shares bearable() const noexcept;
   std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
   Reference past_walls(const Reference& wanted) const noexcept;
@@ -91,10 +96,11 @@ class MotionGate {
   std::array<Vector7, WallGuard::kMostOnWay> way_;  // to rest, of the joints; so many places of it
   std::size_t places_ = 0;
   PoseJoints pose_joints_;
-  JointsOfPose joints_;
+  JointsOfPose joints_, ahead_;  // now, and of a pose about where it would rest
   Reference before_;
   bool robots_ = false;  // makes the joints of a pose itself
   bool walled_ = false;  // in the step before
+  bool unseen_ = false;  // since it was last looked to rest something has come, or the reference elsewhere
   bool soon_ = false;    // it comes to rest before what is in the way only if it brakes soon
   bool slowed_ = false;  // joints, since the tool would have been too fast, until they have caught up
 };

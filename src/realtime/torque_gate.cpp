@@ -63,6 +63,11 @@ std::optional<JointBarrier::Brake> TorqueGate::tool_brake(const Cycle& cycle, co
   return JointBarrier::Brake{gradient, faster - along.dot(cycle.model.dJ_dq().head<3>()) - std::max(gradient.dot(pushed), 0.)};
 }
 
+// To which a torque beside that at rest leads while it falls, rad/s.
+Vector7 TorqueGate::velocity_to_come(const Vector7& dq, const Matrix7& mobility, const Vector7& tau) const noexcept {
+  return dq + tau.cwiseAbs().cwiseQuotient(limits_.rate()).maxCoeff() / 2 * (mobility * tau);
+}
+
 HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away,
                         Vector7& tau_J_d) noexcept {
   const Vector7 sent = tau_J_d;
@@ -89,7 +94,7 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   }
   bool limited = asked_.scale(share < 1 ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau);
   const bool has_walls = walls.arm() != nullptr;
-  if (has_walls) walls.look(cycle.q, cycle.dq);
+  if (has_walls) walls.look(cycle.q, cycle.dq, velocity_to_come(cycle.dq, mobility, sent - c));
   const HeldBy pushed_away = has_walls ? walls.add(cycle.dq, mobility, c, tau) : HeldBy::kNothing;
   held |= pushed_away;
   const JointBarrier::Lead lead{cycle.dq_ref, away, pushed};
@@ -98,11 +103,13 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   held |= when(tool && tool->force > 0, HeldBy::kToolSpeed);
   // The robot compares with the command before, however long ago that was; or, where one was lost, with the last that came.
   limited |= limits_.limit(tau, sent, kTick, tau_J_d);
-  const FallingTorque falling(cycle.model, cycle.dq, mobility, c, gravity, limits_.rate(), sent);
+  const FallingTorque falling(cycle.model, cycle.dq, mobility, c, gravity, limits_.rate(), sent, walls);
   const SpeedBounds speeds{barrier_.dq_min(), barrier_.dq_max(), bounds_.tool_speed, bounds_.power, kMostTaken};
   if (!falling.keeps(speeds, tau_J_d)) {
     Vector7 slower = c * std::min(1., bounds_.power / std::max(c.dot(cycle.dq), 1e-9));
-    if (pushed_away != HeldBy::kNothing) walls.add(cycle.dq, mobility, c, slower);
+    const bool to_walls = has_walls && walls.too_fast(falling.dq(), mobility, limits_.rate(), tau_J_d - c) > 0;
+    if (to_walls) walls.brake_too_fast(falling.dq(), mobility, limits_.rate(), tau_J_d - c);
+    if (to_walls || pushed_away != HeldBy::kNothing) held |= walls.add(cycle.dq, mobility, c, slower);
     tool = tool_brake(cycle, pushed, 0);
     barrier_.add(cycle.q, cycle.dq, mobility, c, lead, slower, tool ? &*tool : nullptr);
     falling.hold(speeds, c + limits_.share_inside(c, slower) * (slower - c), tau_J_d);

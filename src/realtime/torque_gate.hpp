@@ -37,6 +37,7 @@ class TorqueGate {
   double hold_back(const Matrix7& mobility, const Vector7& pull, double away) const noexcept;
 
   // `pushed`: JointBarrier::Lead; `approach`: 1/s, at which the tool may come near to its greatest speed.
+  Vector7 velocity_to_come(const Vector7& dq, const Matrix7& mobility, const Vector7& tau) const noexcept;
   std::optional<JointBarrier::Brake> tool_brake(const Cycle& cycle, const Vector7& pushed, double approach) const noexcept;
 
   Bounds bounds_;                 // with room for what is not foreseen

@@ -142,6 +142,7 @@ class MockRobot : public robot::Driver {
         return id;
       }
       moved = {move->controller_mode, move->motion_generator_mode};
+      begun_ = lost_ = false;
       move_id_ = id;
       start_in_ = start_delay;
       answer(id, name, fci::Status::kMotionStarted, std::max(0, start_delay + started_delay));
@@ -207,7 +208,9 @@ class MockRobot : public robot::Driver {
     if (!commanded) ++silence_;
     if (in_motion_) {
       if (!commanded) ++uncommanded;
-      follow(commanded);
+      if (commanded || begun_) follow(commanded);
+      lost_ |= begun_ && !commanded;
+      begun_ |= commanded;
       const bool finished = commanded && (command.motion_generation_finished || command.torque_command_finished);
       if (finished && !ending_) {
         const bool reference_moves = v_.norm() > 1e-6 || linear_.v.norm() > 1e-6 || angular_.v.norm() > 1e-6;
@@ -269,6 +272,7 @@ class MockRobot : public robot::Driver {
           beyond = std::max({beyond, q[i] - limits.q_max[i], limits.q_min[i] - q[i]});
         }
         q_d_ = q, v_ = v, a_ = a;
+        if (!begun_) v_.setZero(), a_.setZero();  // the motion begins there
       } else {
         v_ += kDt * a_;
         q_d_ += kDt * v_;
@@ -283,6 +287,7 @@ class MockRobot : public robot::Driver {
       angular_.see(commanded, turn, limits.rotation, *this);
       position_ += kDt * linear_.v;
       orientation_ = (realtime::exp(kDt * angular_.v) * orientation_).normalized();
+      if (!begun_) linear_ = angular_ = {};
     } else {  // torque alone
       if (commanded) {
         for (int i = 0; i < 7; ++i) worst(worst_velocity, command.dq_c[i], 1e-12);  // rides along up to version 9: zero
@@ -322,7 +327,7 @@ class MockRobot : public robot::Driver {
     put(v_, state.dq_d);
     put(a_, state.ddq_d);
     put(tau_, state.tau_J_d);
-    state.control_command_success_rate = !in_motion_ ? 0 : uncommanded > 0 ? 0.99 : 1;
+    state.control_command_success_rate = !in_motion_ || !begun_ ? 0 : lost_ ? 0.99 : 1;
     Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
     T.topLeftCorner<3, 3>() = orientation_.toRotationMatrix();
     T.topRightCorner<3, 1>() = position_;
@@ -352,6 +357,7 @@ class MockRobot : public robot::Driver {
   std::uint32_t last_id_ = 100, move_id_ = 0;
   std::size_t next_tick_ = 0;
   int start_in_ = -1, recover_in_ = -1, silence_ = 0;
+  bool begun_ = false, lost_ = false;  // a command has come since the last Move; after which another has not
   bool in_motion_ = false, commanded_ = false, commanded_once_ = false, ending_ = false;
   std::optional<fci::RobotMode> fail_to_;
   fci::Error error_{};

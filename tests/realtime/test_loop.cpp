@@ -120,6 +120,22 @@ struct OddTrajectory : MinJerkJoint {
   }
 };
 
+// From rest with almost all of the jerk that joint 1 has.
+struct SteepTrajectory : MinJerkJoint {
+  double jerk;
+  SteepTrajectory(const Parameters& parameters, const models::Limits& limits)
+      : MinJerkJoint(parameters, limits), jerk(0.9 * limits.dddq_max[0]) {}
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
+    const bool over = MinJerkJoint::step(cycle, time, reference);
+    constexpr double kSteep = 0.002;  // s
+    if (time > kSteep) return over;
+    reference.joint.q[0] += jerk * time * time * time / 6;
+    reference.joint.dq[0] += jerk * time * time / 2;
+    reference.joint.ddq[0] += jerk * time;
+    return false;
+  }
+};
+
 // Of each role, one that does something from a time on.
 using Deed = void (*)();
 void allocate() { ::operator delete(::operator new(8)); }
@@ -650,6 +666,18 @@ TEST_F(LoopTest, GoesOnFromWhereTheRobotIsWhenCommandsWereLost) {
       ASSERT_TRUE(until_result());
       EXPECT_NEAR((robot.q() - q).norm(), 0, 1e-6);
     }
+  }
+}
+
+TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostBeginsAnew) {
+  for (const int lost : {0, 1, 2, 7}) {
+    give(std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits), std::make_unique<Internal>());
+    robot.lose = lost;
+    ASSERT_TRUE(until_result());
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    EXPECT_TRUE(robot.obeyed()) << lost << " lost: " << robot.judgement();
+    EXPECT_NEAR(results.back().time, 0.1, 0.01);
+    ASSERT_TRUE(until(Phase::kIdle, 4000));
   }
 }
 

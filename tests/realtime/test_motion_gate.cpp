@@ -12,10 +12,13 @@
 #include "realtime/trajectories/stream_pose.hpp"
 #include "realtime/walls/self_distance.hpp"
 #include "tests/realtime/simulated_arm.hpp"
+#include "tests/realtime/walled.hpp"
 
 namespace {
 
 using namespace realtime;
+using testing_tools::clearance_of;
+using testing_tools::plane;
 
 // The reference of an arm with a (weightless) hand that follows poses, from home; by joints that are ours or, as far as one can
 // know, a robot's.
@@ -170,6 +173,101 @@ TEST_P(FoldedArm, keeps_from_itself) {
   EXPECT_GT(least, models::kCapsuleMargin + 5e-4) << "what the way looks like between its places";
 }
 
+// What it holds lies deep in another link, to which it is allowed: that is no leave for others.
+TEST_P(FoldedArm, keeps_its_links_apart_whatever_else_lies_in_it) {
+  const models::Arm& arm = models::arm(GetParam());
+  const models::Limits& limits = models::limits(arm, 10);
+  const ArmCapsules body(arm, true);
+  ArmCapsules holding = body;
+  ASSERT_TRUE(holding.hold({0, 0, -0.1}, {0, 0, -0.12}, 0.14));
+  Model model(models::urdf(arm, 10));
+  MotionGate gate(limits, model);
+  delete gate.keep_from(new Walls{holding, {}});
+  Reference reference, wanted;
+  reference.motion = wanted.motion = Channels::kJoint;
+  reference.joint.q = Vector7::Map(models::kHome.data());
+  reference.joint.q[5] = 0.6;
+  wanted.joint.q = reference.joint.q;
+  wanted.joint.q[3] = limits.q_min[3] + 0.02;
+  ASSERT_LT(self_distance(body, wanted.joint.q).distance, models::kCapsuleMargin);
+  gate.reset(reference);
+  double least = 1;
+  for (int cycle = 0; cycle < 60'000; ++cycle) {
+    model.update(reference.joint.q, reference.joint.dq);
+    gate.observe(reference, Vector7::Zero(), nullptr);
+    gate.follow(wanted, reference);
+    least = std::min(least, self_distance(body, reference.joint.q).distance);
+  }
+  EXPECT_GT(least, models::kCapsuleMargin + 5e-4);
+}
+
+// Joint 1 on its way from one side to the other, and a plane across it.
+class FastArm : public testing::TestWithParam<const char*> {
+ protected:
+  static constexpr int kMoves = 550;  // cycles, after which it goes as fast as it will
+
+  // `cycles` towards the other side, then to rest with step(); returns how near it has come to where a plane at y (m) would be.
+  template <class Step>
+  double run(double y, Step step, bool wall = false) {
+    MotionGate gate(limits, model);
+    Reference reference, wanted;
+    reference.motion = wanted.motion = Channels::kJoint;
+    reference.joint.q = wanted.joint.q = Vector7::Map(models::kHome.data());
+    reference.joint.q[0] = -0.6;
+    wanted.joint.q[0] = 1.5;
+    const Walls walls{ArmCapsules(arm, true), {{1, plane({0, y, 0}, -Vector3::UnitY())}}};
+    delete gate.keep_from(new Walls(wall ? walls : Walls{walls.arm, {}}));
+    gate.reset(reference);
+    double least = 1e9;
+    for (int cycle = 0; cycle < 3000; ++cycle) {
+      model.update(reference.joint.q, reference.joint.dq);
+      gate.observe(reference, Vector7::Zero(), nullptr);
+      if (cycle == 0 || !step(cycle, gate, walls, reference)) gate.follow(wanted, reference);
+      least = std::min(least, clearance_of(walls, reference.joint.q));
+    }
+    return least;
+  }
+
+  const models::Arm& arm = models::arm(GetParam());
+  const models::Limits& limits = models::limits(arm, 10);
+  Model model{models::urdf(arm, 10)};
+};
+INSTANTIATE_TEST_SUITE_P(Arms, FastArm, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
+
+TEST_P(FastArm, brakes_as_soon_as_may_be_for_a_wall_that_comes) {
+  const double rests = -run(0, [](int cycle, MotionGate& gate, const Walls&, Reference& reference) {
+    return cycle >= kMoves && (gate.brake(reference, true), true);
+  });
+  const double gently = -run(0, [](int cycle, MotionGate& gate, const Walls&, Reference& reference) {
+    return cycle >= kMoves && (gate.brake(reference), true);
+  });
+  EXPECT_GT(gently, rests + 0.005);
+  for (const bool is_braking : {false, true}) {
+    const double least = run(rests + 0.008, [&](int cycle, MotionGate& gate, const Walls& walls, Reference& reference) {
+      if (cycle == kMoves) delete gate.keep_from(new Walls(walls));
+      return is_braking && cycle >= kMoves && (gate.brake(reference), true);
+    });
+    EXPECT_GT(least, 0.0075) << is_braking;
+  }
+}
+
+// Wherever a skill takes the motion over while it brakes for a wall: it goes on as on the way that was clear.
+TEST_P(FastArm, goes_on_braking_when_another_takes_over) {
+  for (int after = 0; after < 8; ++after) {
+    int met = -1;
+    const double least = run(0.3, [&](int cycle, MotionGate& gate, const Walls&, Reference& reference) {
+      if (met >= 0 && cycle == met + after) gate.reset(reference);
+      Reference goal = reference;
+      goal.joint = {Vector7::Map(models::kHome.data()), Vector7::Zero(), Vector7::Zero()};
+      goal.joint.q[0] = 1.5;
+      if (has(gate.follow(goal, reference), HeldBy::kWall) && met < 0) met = cycle;
+      return true;
+    }, true);
+    EXPECT_GE(met, 0);
+    EXPECT_GT(least, 0.009) << after;
+  }
+}
+
 class FastPose : public LoadedArm {};
 INSTANTIATE_TEST_SUITE_P(Arms, FastPose, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
 
@@ -293,6 +391,39 @@ TEST_P(StreamOutOfReach, is_come_back_with_and_not_passed) {
     }
     EXPECT_LE(arm.way().norm(), 0.01) << place.transpose();
   }
+}
+
+class PoseAlongWall : public testing::TestWithParam<std::tuple<const char*, bool>> {};
+INSTANTIATE_TEST_SUITE_P(Arms, PoseAlongWall, testing::Combine(testing::Values("fer", "fr3"), testing::Bool()), [](const auto& info) {
+  return std::string(std::get<0>(info.param)) + (std::get<1>(info.param) ? "_robots" : "_ours");
+});
+
+// Whichever way it comes, and however fast.
+TEST_P(PoseAlongWall, comes_no_nearer) {
+  const auto& [name, robots] = GetParam();
+  double worst = 1e9;
+  std::mt19937 engine(5);
+  std::normal_distribution<> some;
+  const auto direction = [&] { return Vector3(some(engine), some(engine), some(engine)).normalized(); };
+  for (int n = 0; n < 60; ++n) {
+    Following arm(models::arm(name), robots);
+    const Vector3 way = direction(), normal = (direction() + 0.7 * way).normalized();
+    if (way.dot(normal) < 0.2) continue;
+    const double speed = 0.5 + 0.1 * (n % 5), ahead = 0.05 + 0.05 * (n % 7);
+    Walls walls{ArmCapsules(models::arm(name), true), {{1, plane(Vector3::Zero(), -normal)}}};
+    walls.walls[0].shape.O_T_S.translation() = (ahead - clearance_of(walls, arm.q)) * normal;
+    delete arm.gate.keep_from(new Walls(walls));
+    Reference wanted = arm.home;
+    double least = 1e9;
+    for (int k = 0; k < 1200; ++k) {
+      wanted.cartesian.position += kTick * speed * way;
+      wanted.cartesian.velocity.head<3>() = speed * way;
+      arm.follow(wanted);
+      least = std::min(least, clearance_of(walls, arm.q));
+    }
+    worst = std::min(worst, least);
+  }
+  EXPECT_GT(worst, 0.009);
 }
 
 class RobotOutOfReach : public testing::TestWithParam<const char*> {};

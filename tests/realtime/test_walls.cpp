@@ -18,12 +18,15 @@
 #include "realtime/walls/self_distance.hpp"
 #include "realtime/walls/wall_guard.hpp"
 #include "simulated_arm.hpp"
+#include "walled.hpp"
 
 namespace {
 
 using namespace realtime;
+using testing_tools::clearance_of;
 using testing_tools::kTolerated;
 using testing_tools::MockRobot;
+using testing_tools::plane;
 using testing_tools::SimulatedArm;
 using testing_tools::too_fast;
 
@@ -64,29 +67,10 @@ struct Random {
 constexpr Shape::Kind kKinds[] = {Shape::Kind::kPlane, Shape::Kind::kBox, Shape::Kind::kCylinder, Shape::Kind::kCapsule,
                                   Shape::Kind::kMesh};
 
-Shape plane(const Vector3& point, const Vector3& normal) {
-  Shape shape;
-  shape.O_T_S.linear() = Eigen::Quaterniond::FromTwoVectors(Vector3::UnitZ(), normal).toRotationMatrix();
-  shape.O_T_S.translation() = point;
-  return shape;
-}
 Shape box(const Vector3& centre, const Vector3& half) {
   Shape shape{Shape::Kind::kBox, half, Eigen::Isometry3d::Identity()};
   shape.O_T_S.translation() = centre;
   return shape;
-}
-
-// m from the arm at q to the nearest wall.
-double clearance_of(const Walls& walls, const Vector7& q) {
-  ArmCapsules::Place place;
-  walls.arm.place(q, place);
-  double least = 1e9;
-  for (std::size_t k = 0; k < walls.arm.all().size(); ++k) {
-    for (const Wall& each : walls.walls) {
-      least = std::min(least, nearest(each.shape, place.a[k], place.b[k]).distance - walls.arm.all()[k].radius);
-    }
-  }
-  return least;
 }
 
 // --- shapes --------------------------------------------------------------------------------------------------------------
@@ -479,7 +463,7 @@ TEST_F(Walled, walls_come_and_go_while_a_skill_runs) {
 // One cycle of an arm without a spring of its own, which somebody pushes along x of O with so many N.
 void pushed_step(SimulatedArm& arm, WallGuard& guard, double force) {
   Vector7 tau = arm.cycle.model.coriolis() - Vector7::Constant(1).cwiseProduct(arm.dq);
-  guard.look(arm.q, arm.dq);
+  guard.look(arm.q, arm.dq, arm.dq);
   guard.add(arm.dq, joint_mobility(arm.model.mass()), arm.model.coriolis(), tau);
   arm.step(tau, arm.model.jacobian().transpose() * (force * Vector6::Unit(0)));
 }
@@ -673,6 +657,39 @@ TEST_P(PushedBack, an_arm_that_swings_bears_no_more_than_it_can_and_is_no_faster
     EXPECT_LT(fastest, kTolerated) << "seed " << seed;
   }
   EXPECT_TRUE(has(held, HeldBy::kWall));
+}
+
+// By a torque that takes as long to be brought back as it took to come.
+TEST_P(PushedBack, an_arm_that_is_torn_towards_a_wall_stops_before_it) {
+  const models::Limits& limits = models::limits(models::arm(GetParam()), 10);
+  const Vector7 stiffness = (Vector7() << 0, 600, 600, 600, 50, 50, 50).finished();
+  const Vector7 damping = (Vector7() << 0, 40, 40, 40, 5, 5, 5).finished();
+  for (const double torque : {20., 50., 80.}) {
+    for (const double ahead : {0.03, 0.1, 0.2, 0.3, 0.6}) {
+      SimulatedArm arm(GetParam(), kMotors);
+      TorqueGate gate(limits);
+      WallGuard guard;
+      arm.q << 0, 1.3, 0, -0.4, 0, 1.7, M_PI_4;
+      arm.observe();
+      const Vector7 begin = arm.q;
+      auto* walls = new Walls{ArmCapsules(models::arm(GetParam()), true), {{1, plane(Vector3::Zero(), -Vector3::UnitY())}}};
+      walls->walls[0].shape.O_T_S.translation().y() = ahead - clearance_of(*walls, arm.q);
+      guard.change(walls);
+      ASSERT_NEAR(clearance_of(*walls, arm.q), ahead, 1e-9);
+      Vector7 sent = Vector7::Zero();
+      double least = 1e9, fastest = 0;
+      for (int k = 0; k < 3000; ++k) {
+        Vector7 wanted = arm.model.coriolis() + stiffness.cwiseProduct(begin - arm.q) - damping.cwiseProduct(arm.dq);
+        wanted[0] = torque;
+        gate.pass(arm.cycle, guard, wanted, 0, sent);
+        arm.step(sent);
+        least = std::min(least, clearance_of(*walls, arm.q));
+        fastest = std::max(fastest, (arm.model.jacobian() * arm.dq)[1]);
+      }
+      EXPECT_GT(least, 0) << torque << " N m, " << ahead << " m";
+      EXPECT_LT(clearance_of(*walls, arm.q), 0.02) << torque << " N m, " << ahead << " m";
+    }
+  }
 }
 
 // It is damped alone, as one that its controller has let go: what holds it in two places would be pushed both ways.

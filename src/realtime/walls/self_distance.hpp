@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <optional>
 #include <span>
 
 #include "realtime/walls/arm_capsules.hpp"
@@ -15,13 +16,17 @@ struct SelfDistance {
 };
 SelfDistance self_distance(const ArmCapsules& arm, const Vector7& q) noexcept;
 
+// Two links that are nearer than kSelfClearance at q, and by more than `rounding` (m) nearer than they are at `from`; the nearest of
+// such. Others may lie nearer to each other than these, and stay so.
+std::optional<SelfDistance> comes_nearer(const ArmCapsules& arm, const Vector7& from, const Vector7& q, double rounding) noexcept;
+
 // Two such links, and how what is between them changes with the joints, m/rad.
 struct SelfContact {
   double distance;
   Vector7 gradient;
 };
-// Those that are nearer than `horizon` (m) where the arm is placed, as far as there is room; returns how many. Of two that are
-// almost parallel also what is between their ends, as the nearest place leaps from one end to the other when they tilt.
+// Those that are nearer than `horizon` (m) where the arm is placed, the nearest if there is not room for all; returns how many. Of
+// two that are almost parallel also what is between their ends, as the nearest place leaps from one end to the other when they tilt.
 std::size_t self_contacts(const ArmCapsules& arm, const ArmCapsules::Place& place, double horizon,
                           std::span<SelfContact> out) noexcept;
 

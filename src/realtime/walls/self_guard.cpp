@@ -5,7 +5,7 @@
 namespace realtime {
 namespace {
 
-constexpr double kRounding = 1e-6;  // m that is no nearer
+constexpr double kRounding = 1e-9;  // m that is no nearer
 
 }  // namespace
 
@@ -19,10 +19,10 @@ bool SelfGuard::clear(const ArmCapsules& arm, const Vector7& q, std::span<const 
   double longest = 0;
   for (const Vector7& place : way) longest = std::max(longest, way_between(place, seen_));
   if (distance_ - longest >= kSelfClearance) return true;
-  const double enough = std::min(kSelfClearance, distance_at(arm, q) - kRounding);
+  distance_at(arm, q);
   for (const Vector7& place : way) {
-    if (distance_ - way_between(place, seen_) >= enough) continue;
-    if (distance_at(arm, place) < enough) return false;
+    if (distance_ - way_between(place, seen_) >= kSelfClearance) continue;
+    if (distance_at(arm, place) < kSelfClearance && comes_nearer(arm, q, place, kRounding)) return false;
   }
   return true;
 }

@@ -10,7 +10,8 @@ namespace realtime {
 // at in each cycle, where it may have come near at all.
 class SelfGuard {
  public:
-  // Whether the arm keeps kSelfClearance on that way of the joints (rad) from q on; an arm that is nearer at q comes no nearer.
+  // Whether the arm keeps kSelfClearance on that way of the joints (rad) from q on; links that are nearer at q come no
+  // nearer.
   bool clear(const ArmCapsules& arm, const Vector7& q, std::span<const Vector7> way) noexcept;
 
  private:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "realtime/tick.hpp"
@@ -21,7 +22,7 @@ constexpr int kPasses = 10;            // through the contacts, as each changes 
 // Torque.
 constexpr double kStiffness = 5000;    // N/m, of the spring before a wall: 50 N before the wall itself is touched
 constexpr double kQuickest = 50;       // rad/s, at which no more than that is felt may swing on it
-constexpr double kHorizon = 0.3;       // m from a wall at which it is looked at, at most
+constexpr double kHorizon = 1.1;       // m from a wall at which it is looked at, at most: of 3 m/s that is the way to brake
 constexpr double kSelfHorizon = 0.1;   // m likewise between links: of 0.7 m/s that is the way to brake
 constexpr double kSelfRoom = 0.002;    // m before kSelfClearance where their spring begins, as torque comes late
 constexpr double kAlike = 0.02;        // m that the end of a capsule may be farther from a wall and is looked at too
@@ -33,6 +34,7 @@ constexpr double kDeep = 0.02;         // m, from where on the spring grows no m
 constexpr double kAway = 0.1;          // m/s, at which an arm that yields to the spring is pushed no more
 constexpr double kRise = 0.2;          // s, in which the spring of a wall that has come rises
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done, but on the last of the way
+constexpr double kLate = 0.002;        // s until a torque acts, and for which it does before it changes
 
 // Of a pose's change: turning by a radian costs as much as this way, in m. What is in the way is passed beside rather than
 // turned away from.
@@ -62,6 +64,12 @@ Eigen::Matrix<double, N, 1> past_bounds(const Eigen::Matrix<double, N, 1>& chang
     }
   }
   return out;
+}
+
+// At that way from where a spring begins (m), m/s.
+double greatest_speed(double way) {
+  const double left = std::max(way, 0.);
+  return left < 2 * kLast ? kSettle * left : std::sqrt(2 * kBrake * (left - kLast));
 }
 
 }  // namespace
@@ -174,18 +182,19 @@ void WallGuard::keep(const Barrier& barrier) noexcept {
   if (least->least < barrier.least) *least = barrier;
 }
 
-void WallGuard::look(const Vector7& q, const Vector7& dq) noexcept {
+void WallGuard::look(const Vector7& q, const Vector7& dq, const Vector7& dq_to_come) noexcept {
   const ArmCapsules& arm = walls_->arm;
   arm.place(q, here_);
   barrier_count_ = 0;
   near_ = HeldBy::kNothing;
   // Returns whether it pushes, or brakes whatever is asked for.
   const auto look_at = [&](double way, const Vector7& gradient, int wall) {
-    const double speed = -gradient.dot(dq), left = std::max(way, 0.);
-    const double greatest = left < 2 * kLast ? kSettle * left : std::sqrt(2 * kBrake * (left - kLast));
-    if (way > 2 * kLast && speed <= kFarFrom * greatest) return false;
-    const double falls = left < 2 * kLast ? kSettle : kBrake / greatest;  // as the way does
-    const double least = kApproach * (speed - greatest) + falls * speed;
+    const double speed = -gradient.dot(dq), greatest = greatest_speed(way);
+    double least = -std::numeric_limits<double>::infinity();
+    if (way <= 2 * kLast || speed > kFarFrom * greatest) {
+      const double falls = way < 2 * kLast ? kSettle : kBrake / greatest;  // as the way does
+      least = kApproach * (speed - greatest) + falls * speed;
+    }
     keep({gradient, way, least, wall});
     return way < 0 || least > 0;
   };
@@ -203,12 +212,17 @@ void WallGuard::look(const Vector7& q, const Vector7& dq) noexcept {
   deepest.fill(-kHorizon);
   for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
     // None of its points is faster than an end.
-    Vector3 a = Vector3::Zero(), b = Vector3::Zero();
+    Vector3 a = Vector3::Zero(), b = Vector3::Zero(), a_to_come = Vector3::Zero(), b_to_come = Vector3::Zero();
     for (int i = 0; i < std::min(arm.all()[capsule].link, models::kJoints); ++i) {
-      a += dq[i] * here_.axis[i].cross(here_.a[capsule] - here_.origin[i]);
-      b += dq[i] * here_.axis[i].cross(here_.b[capsule] - here_.origin[i]);
+      const Vector3 a_moves = here_.axis[i].cross(here_.a[capsule] - here_.origin[i]);
+      const Vector3 b_moves = here_.axis[i].cross(here_.b[capsule] - here_.origin[i]);
+      a += dq[i] * a_moves;
+      b += dq[i] * b_moves;
+      a_to_come += dq_to_come[i] * a_moves;
+      b_to_come += dq_to_come[i] * b_moves;
     }
-    const double fast = std::max(a.squaredNorm(), b.squaredNorm()) / (kFarFrom * kFarFrom);
+    const double fast =
+        std::max({a.squaredNorm(), b.squaredNorm(), a_to_come.squaredNorm(), b_to_come.squaredNorm()}) / (kFarFrom * kFarFrom);
     const double horizon = std::min(kClearance + fast / (2 * kBrake), kHorizon);
     for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
       if (is_far(capsule, wall, here_, horizon)) continue;
@@ -244,6 +258,7 @@ HeldBy WallGuard::add(const Vector7& dq, const Matrix7& mobility, const Vector7&
   for (int k = 0; k < barrier_count_; ++k) {
     answers[k].response = mobility * barriers_[k].gradient;
     answers[k].mobility = std::max(barriers_[k].gradient.dot(answers[k].response), 1e-6);
+    barriers_[k].brake = kBrake / answers[k].mobility * barriers_[k].gradient;
   }
   for (int pass = 0; pass < kPasses; ++pass) {
     for (int k = 0; k < barrier_count_; ++k) {
@@ -267,6 +282,30 @@ HeldBy WallGuard::add(const Vector7& dq, const Matrix7& mobility, const Vector7&
     needed |= when(answers[k].force > 0, barrier.wall < 0 ? HeldBy::kItself : HeldBy::kWall);
   }
   return needed;
+}
+
+// With a jerk that is constant meanwhile.
+double WallGuard::too_fast(const Barrier& barrier, const Vector7& dq, const Vector7& ddq, const Vector7& rate,
+                           const Vector7& tau) noexcept {
+  const double v = -barrier.gradient.dot(dq), a = -barrier.gradient.dot(ddq);
+  const double T = (tau - barrier.brake).cwiseAbs().cwiseQuotient(rate).maxCoeff() + kLate;
+  const double then = v + (a - kBrake) * T / 2, gone = v * T + (2 * a - kBrake) * T * T / 6;
+  return then > 0 ? then - greatest_speed(barrier.way - gone) : 0;
+}
+
+double WallGuard::too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) const noexcept {
+  const Vector7 ddq = mobility * tau;
+  double most = 0;
+  for (int k = 0; k < barrier_count_; ++k) most = std::max(most, too_fast(barriers_[k], dq, ddq, rate, tau));
+  return most;
+}
+
+void WallGuard::brake_too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) noexcept {
+  const Vector7 ddq = mobility * tau;
+  for (int k = 0; k < barrier_count_; ++k) {
+    Barrier& barrier = barriers_[k];
+    if (too_fast(barrier, dq, ddq, rate, tau) > 0) barrier.least = std::max(barrier.least, kBrake);
+  }
 }
 
 }  // namespace realtime

@@ -29,7 +29,8 @@ struct Walls {
 // Keeps an arm clear of walls. Motions: at each cycle the whole way on which the arm would come to rest if it braked from there
 // is looked at, so that there is always one that is clear, however thin a wall is. Torques: what a controller's torque makes of
 // the joints, ddq = M^-1 (tau_J_d - c), may take no capsule nearer to a wall, or to another of the arm, at a speed that could not
-// be braked in time (a control barrier, as JointBarrier), and from kClearance, or kSelfClearance, on a spring pushes back, as long
+// be braked in time (a control barrier, as JointBarrier), nor may a torque lead to such a speed before one that brakes can have taken
+// its place; and from kClearance, or kSelfClearance, on a spring pushes back, as long
 // as the arm does not yield to it. A wall that comes where the arm is deep inside does not push: there it is braked alone, and so it
 // is where something that it now holds lies deep inside the arm.
 class WallGuard {
@@ -59,10 +60,15 @@ class WallGuard {
   Vector7 past(const Vector7& change) const noexcept;
   Vector6 past(const Vector6& change, const Matrix76& dq_dP) const noexcept;
 
-  // Once in a cycle of torques: where the arm is. Then what is added to tau_J_d, N m; `mobility` is joint_mobility() there, c the
-  // Coriolis torque (N m). Returns for what: kWall, kItself.
-  void look(const Vector7& q, const Vector7& dq) noexcept;
+  // Once in a cycle of torques: where the arm is, and what velocity the torque that acts may bring it to (rad/s). Then what is added
+  // to tau_J_d, N m; `mobility` is joint_mobility() there, c the Coriolis torque (N m). Returns for what: kWall, kItself.
+  void look(const Vector7& q, const Vector7& dq, const Vector7& dq_to_come) noexcept;
   HeldBy add(const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept;
+
+  // After add(): how much faster than it could be braked the arm would come near to something if at dq the torque is `tau` beside c,
+  // and then changes at `rate` (N m/s) to what brakes; m/s. What asks for that, then, may be braked from now on.
+  double too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) const noexcept;
+  void brake_too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) noexcept;
 
   // The wall that stood in the way, the last time one did; 0: none yet. It may be no more.
   std::uint32_t wall() const noexcept { return wall_; }
@@ -78,9 +84,10 @@ class WallGuard {
   // Of what is near, at which acceleration (m/s²) at least it has to go away.
   struct Barrier {
     Vector7 gradient;
-    double way;  // m to where the spring begins
-    double least;
-    int wall;    // -1: the arm itself
+    double way;    // m to where the spring begins
+    double least;  // -infinity: none yet
+    int wall;      // -1: the arm itself
+    Vector7 brake = Vector7::Zero();  // N m, that brakes it at kBrake
   };
   // Of a wall, or of the body of the arm, from when it came.
   struct Known {
@@ -96,6 +103,7 @@ class WallGuard {
 
   Contact contact(int capsule, int wall, const Nearest& nearest) const noexcept;
   void keep(const Barrier& barrier) noexcept;
+  static double too_fast(const Barrier& barrier, const Vector7& dq, const Vector7& ddq, const Vector7& rate, const Vector7& tau) noexcept;
   // That they are farther from each other than `clearance`, m, where that is told at little cost.
   bool is_far(int capsule, int wall, const ArmCapsules::Place& place, double clearance) const noexcept;
 
