@@ -87,7 +87,7 @@ std::vector<double> measure(std::unique_ptr<Walls> walls) {
       for (Vector7& place : way) place += 0.001 * past;
       guard.clear(q, way, WallGuard::kClearance);
     }
-    guard.look(q, dq);
+    guard.look(q, dq, dq);
     guard.add(dq, mobility, model.coriolis(), tau);
     us.push_back(1e-3 * static_cast<double>((std::chrono::steady_clock::now() - begin).count()));
     held += !clear;

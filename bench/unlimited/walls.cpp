@@ -13,8 +13,10 @@ Walls* WallGuard::change(Walls* walls) noexcept { return std::exchange(walls_, w
 bool WallGuard::clear(const Vector7&, std::span<const Vector7>, double) noexcept { return true; }
 Vector7 WallGuard::past(const Vector7& change) const noexcept { return change; }
 Vector6 WallGuard::past(const Vector6& change, const Matrix76&) const noexcept { return change; }
-void WallGuard::look(const Vector7&, const Vector7&) noexcept {}
+void WallGuard::look(const Vector7&, const Vector7&, const Vector7&) noexcept {}
 void WallGuard::begin() noexcept {}
 HeldBy WallGuard::add(const Vector7&, const Matrix7&, const Vector7&, Vector7&) noexcept { return HeldBy::kNothing; }
+double WallGuard::too_fast(const Vector7&, const Matrix7&, const Vector7&, const Vector7&) const noexcept { return 0; }
+void WallGuard::brake_too_fast(const Vector7&, const Matrix7&, const Vector7&, const Vector7&) noexcept {}
 
 }  // namespace realtime

@@ -29,7 +29,7 @@ constexpr double kGiveBack = 0.03;
 // Share that a pose brakes with where that does not do, and with which an acceleration is given back that would lead beyond a
 // reduced velocity; and how near to a limit of acceleration or jerk a brake may lead.
 constexpr double kHardJerk = 0.5;
-constexpr double kMostStrain = 0.95;
+constexpr double kMostStrain = 0.85;
 // Share of the joints' limits that a pose's reference may use, where the map from one to the other is known for this
 // cycle alone; the lesser share for steps planned here, as the map changes on their way; and the share of acceleration
 // that a pose of constant velocity may ask of them because the map changes.
@@ -615,7 +615,8 @@ struct Limiter::Impl : Motion {
 
   // The shortest time in which both parts come to rest with constant deceleration, s. Their joints and they themselves
   // keep their limits of acceleration.
-  double stop_time(const Vector3& linear, const Vector3& angular) const noexcept {
+  // `drifts`: as long as the joints drift as now, which those that grow faster by it may be braked the harder for.
+  double stop_time(const Vector3& linear, const Vector3& angular, bool drifts = false) const noexcept {
     double time = std::max(linear.norm() / translation.limits.acceleration, angular.norm() / rotation.limits.acceleration) /
                   kShare;
     if (!has_along) return time;
@@ -623,9 +624,9 @@ struct Limiter::Impl : Motion {
     const Vector7 v = along.dq_dP * P;
     const Vector7 drift_now = drift(P);
     for (int i = 0; i < kJoints; ++i) {
-      const double drift = std::max(v[i] > 0 ? -drift_now[i] : drift_now[i], 0.);
+      const double drift = v[i] > 0 ? -drift_now[i] : drift_now[i];
       const double A = kAlongPlanShare * limits.ddq_max[i];
-      time = std::max(time, std::abs(v[i]) / std::max(A - drift, A / 4));
+      time = std::max(time, std::abs(v[i]) / std::max(A - (drifts ? drift : std::max(drift, 0.)), A / 4));
     }
     return time;
   }
@@ -752,7 +753,7 @@ struct Limiter::Impl : Motion {
       const Vector6 u = P / n;  // which is one of pace()
       const double back = dP.head<3>().dot(u.head<3>()) / std::pow(translation.limits.acceleration, 2) +
                           dP.tail<3>().dot(u.tail<3>()) / std::pow(rotation.limits.acceleration, 2);
-      const double A = rate * n / stop_time(translation.velocity, rotation.velocity);
+      const double A = rate * n / stop_time(translation.velocity, rotation.velocity, true);
       const double J = jerk_of(u);
       Step step = constant_jerk(n, back, std::clamp(-back / dt, -J, J), dt);
       if (A > 0 && plan_stop(0, n, back, A, J)) {
