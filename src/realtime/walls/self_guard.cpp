@@ -5,7 +5,7 @@
 namespace realtime {
 namespace {
 
-constexpr double kRounding = 1e-9;  // m that is no nearer
+constexpr double kRounding = 1e-6;  // m that is no nearer
 
 }  // namespace
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "realtime/tick.hpp"
@@ -34,6 +33,7 @@ constexpr double kDeep = 0.02;         // m, from where on the spring grows no m
 constexpr double kAway = 0.1;          // m/s, at which an arm that yields to the spring is pushed no more
 constexpr double kRise = 0.2;          // s, in which the spring of a wall that has come rises
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done, but on the last of the way
+constexpr double kNothing = -1e6;      // m/s², that are asked for by what is far: the farther it is, the sooner it gives way
 constexpr double kLate = 0.002;        // s until a torque acts, and for which it does before it changes
 
 // Of a pose's change: turning by a radian costs as much as this way, in m. What is in the way is passed beside rather than
@@ -190,7 +190,7 @@ void WallGuard::look(const Vector7& q, const Vector7& dq, const Vector7& dq_to_c
   // Returns whether it pushes, or brakes whatever is asked for.
   const auto look_at = [&](double way, const Vector7& gradient, int wall) {
     const double speed = -gradient.dot(dq), greatest = greatest_speed(way);
-    double least = -std::numeric_limits<double>::infinity();
+    double least = kNothing * (1 + way);
     if (way <= 2 * kLast || speed > kFarFrom * greatest) {
       const double falls = way < 2 * kLast ? kSettle : kBrake / greatest;  // as the way does
       least = kApproach * (speed - greatest) + falls * speed;

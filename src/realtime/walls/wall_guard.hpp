@@ -85,7 +85,7 @@ class WallGuard {
   struct Barrier {
     Vector7 gradient;
     double way;    // m to where the spring begins
-    double least;  // -infinity: none yet
+    double least;
     int wall;      // -1: the arm itself
     Vector7 brake = Vector7::Zero();  // N m, that brakes it at kBrake
   };
