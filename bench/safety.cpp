@@ -83,7 +83,8 @@ std::vector<double> measure(std::unique_ptr<Walls> walls) {
     const auto begin = std::chrono::steady_clock::now();
     const bool clear = guard.clear(q, way, WallGuard::kClearance);
     if (!clear) {
-      const Vector7 past = guard.past(0.001 * dq);
+      WallGuard::Bounds bounds;
+      const Vector7 past = past_bounds(0.001 * dq, guard.bounds(bounds));
       for (Vector7& place : way) place += 0.001 * past;
       guard.clear(q, way, WallGuard::kClearance);
     }

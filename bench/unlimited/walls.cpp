@@ -11,8 +11,7 @@ WallGuard::~WallGuard() { delete walls_; }
 
 Walls* WallGuard::change(Walls* walls) noexcept { return std::exchange(walls_, walls); }
 bool WallGuard::clear(const Vector7&, std::span<const Vector7>, double) noexcept { return true; }
-Vector7 WallGuard::past(const Vector7& change) const noexcept { return change; }
-Vector6 WallGuard::past(const Vector6& change, const Matrix76&) const noexcept { return change; }
+std::span<const JointBound> WallGuard::bounds(Bounds&) const noexcept { return {}; }
 void WallGuard::look(const Vector7&, const Vector7&, const Vector7&) noexcept {}
 void WallGuard::begin() noexcept {}
 HeldBy WallGuard::add(const Vector7&, const Matrix7&, const Vector7&, Vector7&) noexcept { return HeldBy::kNothing; }

@@ -208,7 +208,7 @@ MotionGate::Shares MotionGate::bearable() const noexcept {
   return {std::max(share_inside(held, brake, -tau_max_, tau_max_), kLeastSpared), std::clamp(catching_up, kLeastSpared, 1.)};
 }
 
-// Where the next reference would leave no clear way to rest, what of it leads past the walls is followed; and where that does
+// Where the next reference would leave no clear way to rest, what of it leads past what is in the way is followed; and where that does
 // not do either, the way to rest, which was clear the last time.
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
@@ -233,7 +233,9 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   }
   limiter_.take_back();
   limiter_.spare(spared_, spared.catching_up);  // as on the way that was clear
-  const Reference aside = walled_ ? past_walls(wanted) : before_;
+  WallGuard::Bounds of_walls;
+  SelfGuard::Bounds of_itself;
+  const Reference aside = past(walled_ ? walls_.bounds(of_walls) : self_.bounds(*arm, joints_.q, of_itself), wanted);
   if (!beside(aside, before_)) {
     limiter_.follow(aside, kTick, reference);
     if (meets(*arm, reference, WallGuard::kClearance) == HeldBy::kNothing &&
@@ -291,15 +293,15 @@ void MotionGate::look_to_rest(const Reference& reference, bool soon) noexcept {
   }
 }
 
-// At rest, ahead of the reference before, as far as what is wanted leads there without the walls.
-Reference MotionGate::past_walls(const Reference& wanted) const noexcept {
+// At rest, ahead of the reference before, as far as what is wanted leads there inside the bounds.
+Reference MotionGate::past(std::span<const JointBound> bounds, const Reference& wanted) const noexcept {
   Reference aside = realtime::at_rest(before_);
   if (wanted.motion != before_.motion || !is_finite(wanted)) return aside;
   if (aside.motion == Channels::kJoint) {
-    aside.joint.q += walls_.past(wanted.joint.q - before_.joint.q);
+    aside.joint.q += past_bounds(wanted.joint.q - before_.joint.q, bounds);
     return aside;
   }
-  const Vector6 change = walls_.past(change_between(before_.cartesian, wanted.cartesian), joints_.dq_dP);
+  const Vector6 change = past_bounds(change_between(before_.cartesian, wanted.cartesian), joints_.dq_dP, bounds);
   aside.cartesian.position += change.head<3>();
   aside.cartesian.orientation = exp(change.tail<3>()) * before_.cartesian.orientation;
   return aside;

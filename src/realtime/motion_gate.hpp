@@ -82,7 +82,7 @@ class MotionGate {
   void look_to_rest(const Reference& reference, bool soon) noexcept;
   Shares bearable() const noexcept;
   std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
-  Reference past_walls(const Reference& wanted) const noexcept;
+  Reference past(std::span<const JointBound> bounds, const Reference& wanted) const noexcept;
 
   Model& model_;
   Bounds bounds_;

@@ -5,7 +5,9 @@
 namespace realtime {
 namespace {
 
-constexpr double kRounding = 1e-6;  // m that is no nearer
+constexpr double kRounding = 1e-9;  // m that is no nearer
+constexpr double kRoom = 0.0005;     // m more than the clearance, to which a motion is led that slides along
+constexpr double kNear = 0.05;       // m more than that, about which a link comes nearer on such a motion
 
 }  // namespace
 
@@ -25,6 +27,15 @@ bool SelfGuard::clear(const ArmCapsules& arm, const Vector7& q, std::span<const 
     if (distance_at(arm, place) < kSelfClearance && comes_nearer(arm, q, place, kRounding)) return false;
   }
   return true;
+}
+
+std::span<const JointBound> SelfGuard::bounds(const ArmCapsules& arm, const Vector7& q, Bounds& out) const noexcept {
+  ArmCapsules::Place place;
+  arm.place(q, place);
+  std::array<SelfContact, kMostContacts> contacts;
+  const std::size_t count = self_contacts(arm, place, kSelfClearance + kNear, contacts);
+  for (std::size_t k = 0; k < count; ++k) out[k] = {contacts[k].gradient, kSelfClearance + kRoom - contacts[k].distance};
+  return {out.data(), count};
 }
 
 }  // namespace realtime

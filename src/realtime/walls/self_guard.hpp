@@ -2,6 +2,7 @@
 
 #include <span>
 
+#include "realtime/walls/past_bounds.hpp"
 #include "realtime/walls/self_distance.hpp"
 
 namespace realtime {
@@ -13,6 +14,11 @@ class SelfGuard {
   // Whether the arm keeps kSelfClearance on that way of the joints (rad) from q on; links that are nearer at q come no
   // nearer.
   bool clear(const ArmCapsules& arm, const Vector7& q, std::span<const Vector7> way) noexcept;
+
+  // What keeps a change of the joints, from q on, kSelfClearance between all that is near to each other there.
+  static constexpr int kMostContacts = 16;
+  using Bounds = std::array<JointBound, kMostContacts>;
+  std::span<const JointBound> bounds(const ArmCapsules& arm, const Vector7& q, Bounds& out) const noexcept;
 
  private:
   double distance_at(const ArmCapsules& arm, const Vector7& q) noexcept;

@@ -11,7 +11,6 @@ namespace realtime {
 namespace {
 
 constexpr double kRoom = 0.0005;       // m more than the clearance, to which a motion is led that slides along a wall
-constexpr double kLongestStep = 0.1;   // rad or m that such a motion looks ahead
 constexpr double kNear = 0.08;         // m that a capsule comes nearer on such a step, about
 constexpr double kDetour = 1.5;        // times the way between its ends, that a capsule may be away from them
 constexpr double kSlack = 0.005;       // m, the same
@@ -35,36 +34,6 @@ constexpr double kRise = 0.2;          // s, in which the spring of a wall that 
 constexpr double kFarFrom = 0.4;       // of that speed: below it nothing is done, but on the last of the way
 constexpr double kNothing = -1e6;      // m/s², that are asked for by what is far: the farther it is, the sooner it gives way
 constexpr double kLate = 0.002;        // s until a torque acts, and for which it does before it changes
-
-// Of a pose's change: turning by a radian costs as much as this way, in m. What is in the way is passed beside rather than
-// turned away from.
-constexpr double kTurningCost = 3;
-
-// What the square of a gradient counts as at least, so that a capsule that hardly moves asks for no long step; m²/rad², or 1.
-constexpr double kLeastJoints = 1e-4, kLeastPose = 1e-2;
-
-// Of a change of N coordinates: gradient . change >= least (m).
-template <int N>
-struct Bound {
-  Eigen::Matrix<double, N, 1> gradient;
-  double least;
-};
-
-// The change, no longer than kLongestStep, and then led to within each bound in turn, where coordinates yield by their ease.
-template <int N>
-Eigen::Matrix<double, N, 1> past_bounds(const Eigen::Matrix<double, N, 1>& change, const Eigen::Matrix<double, N, 1>& ease,
-                                        double least_square, std::span<const Bound<N>> bounds) {
-  Eigen::Matrix<double, N, 1> out = change * std::min(1., kLongestStep / std::max(change.norm(), 1e-9));
-  for (int pass = 0; pass < kPasses; ++pass) {
-    for (const Bound<N>& bound : bounds) {
-      const double lack = bound.least - bound.gradient.dot(out);
-      if (lack <= 0) continue;
-      const Eigen::Matrix<double, N, 1> along = ease.cwiseProduct(bound.gradient);
-      out += along * (lack / std::max(bound.gradient.dot(along), least_square));
-    }
-  }
-  return out;
-}
 
 // At that way from where a spring begins (m), m/s.
 double greatest_speed(double way) {
@@ -153,22 +122,9 @@ bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double cle
   return all_clear;
 }
 
-Vector7 WallGuard::past(const Vector7& change) const noexcept {
-  std::array<Bound<7>, kMostContacts> bounds;
-  for (int k = 0; k < contact_count_; ++k) bounds[k] = {contacts_[k].gradient, kClearance + kRoom - contacts_[k].distance};
-  const std::span<const Bound<7>> all(bounds.data(), contact_count_);
-  return past_bounds<7>(change, Vector7::Ones(), kLeastJoints, all);
-}
-
-Vector6 WallGuard::past(const Vector6& change, const Matrix76& dq_dP) const noexcept {
-  Vector6 ease;
-  ease << 1, 1, 1, Vector3::Constant(1 / (kTurningCost * kTurningCost));
-  std::array<Bound<6>, kMostContacts> bounds;
-  for (int k = 0; k < contact_count_; ++k) {
-    bounds[k] = {dq_dP.transpose() * contacts_[k].gradient, kClearance + kRoom - contacts_[k].distance};
-  }
-  const std::span<const Bound<6>> all(bounds.data(), contact_count_);
-  return past_bounds<6>(change, ease, kLeastPose, all);
+std::span<const JointBound> WallGuard::bounds(Bounds& out) const noexcept {
+  for (int k = 0; k < contact_count_; ++k) out[k] = {contacts_[k].gradient, kClearance + kRoom - contacts_[k].distance};
+  return {out.data(), static_cast<std::size_t>(contact_count_)};
 }
 
 // Where there is no room for all, the one that asks for least gives way.

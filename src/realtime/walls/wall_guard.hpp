@@ -8,6 +8,7 @@
 #include "realtime/held_by.hpp"
 #include "realtime/model.hpp"
 #include "realtime/walls/arm_capsules.hpp"
+#include "realtime/walls/past_bounds.hpp"
 #include "realtime/walls/shape.hpp"
 
 namespace realtime {
@@ -55,10 +56,10 @@ class WallGuard {
   // q it comes no nearer.
   bool clear(const Vector7& q, std::span<const Vector7> way, double clearance) noexcept;
 
-  // What of a change leads past the walls that were near in the last clear(), to kClearance from them: of the joints at
-  // q (rad), or of a pose (m, rad; axes of O) with which the joints go along.
-  Vector7 past(const Vector7& change) const noexcept;
-  Vector6 past(const Vector6& change, const Matrix76& dq_dP) const noexcept;
+  // What keeps a change of the joints, from where they were in the last clear(), kClearance away from what was near there.
+  static constexpr int kMostContacts = 32;
+  using Bounds = std::array<JointBound, kMostContacts>;
+  std::span<const JointBound> bounds(Bounds& out) const noexcept;
 
   // Once in a cycle of torques: where the arm is, and what velocity the torque that acts may bring it to (rad/s). Then what is added
   // to tau_J_d, N m; `mobility` is joint_mobility() there, c the Coriolis torque (N m). Returns for what: kWall, kItself.
@@ -80,7 +81,6 @@ class WallGuard {
     double distance;   // m
     Vector7 gradient;  // of it, m/rad
   };
-  static constexpr int kMostContacts = 32;
   // Of what is near, at which acceleration (m/s²) at least it has to go away.
   struct Barrier {
     Vector7 gradient;
