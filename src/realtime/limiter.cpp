@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "realtime/rotation.hpp"
@@ -127,6 +128,7 @@ struct Joint {
   double q = 0, v = 0, a = 0;
   double velocity = 0, acceleration = 0;
   bool held = false;  // it has not caught up yet
+  std::optional<bool> hard;  // whether it goes to rest with all that it has, where a way to rest has been planned
 
   bool rests() const {
     return std::abs(v) <= kRestVelocity && std::abs(velocity) <= kRestVelocity && std::abs(a) <= kRestAcceleration &&
@@ -264,7 +266,7 @@ struct Limiter::Impl : Motion {
   bool reduced = false;  // they are less
   Vector7 fastest = Vector7::Constant(std::numeric_limits<double>::infinity());  // likewise, rad/s
   bool bounded = false;  // it is finite
-  double spared = 1;     // share of the joints' acceleration with which they catch up
+  double braking = 1, spared = 1;  // shares of the joints' acceleration with which they brake, and catch up
 
   Channels motion = Channels::kJoint;
   Reference last;  // output
@@ -290,15 +292,6 @@ struct Limiter::Impl : Motion {
     rotation.limits = limits.rotation;
     joint_brake.in.control_interface = ruckig::ControlInterface::Velocity;
     stop.in.control_interface = ruckig::ControlInterface::Velocity;
-    spare(1, 1);
-  }
-
-  void spare(double braking, double catching_up) noexcept {
-    spared = catching_up;
-    for (int i = 0; i < kJoints; ++i) {
-      joint_brake.in.max_acceleration[i] = kShare * braking * limits.ddq_max[i];
-      (*joint_brake.in.min_acceleration)[i] = -kShare * braking * limits.ddq_max[i];
-    }
   }
 
   // To rest in the shortest time with these limits of acceleration and jerk.
@@ -315,11 +308,9 @@ struct Limiter::Impl : Motion {
 
   // --- joints ---------------------------------------------------------------------------------
 
-  // From there the joint can brake to rest without leaving its range or its velocity envelope.
-  bool can_stop(int i, double q, double velocity, double acceleration) noexcept {
+  // From there the joint can brake to rest, with these limits, without leaving its range or its velocity envelope.
+  bool can_stop(int i, double q, double velocity, double acceleration, double A, double J) noexcept {
     // Seen in the direction of motion towards the limit: the mirror image serves the other one.
-    const double A = kShare * limits.ddq_max[i];
-    const double J = kShare * limits.dddq_max[i];
     const double reserve = acceleration * acceleration / (2 * J);
     const double up = std::max({velocity, velocity + (acceleration > 0 ? reserve : 0), 0.0});
     const double down = std::max({-velocity, -velocity + (acceleration < 0 ? reserve : 0), 0.0});
@@ -366,7 +357,7 @@ struct Limiter::Impl : Motion {
     }
     if (v > 0 && (q > limits.q_max[i] || v > kShare * limits.dq_upper(i, q) * kRounding)) return false;
     if (v < 0 && (q < limits.q_min[i] || v < kShare * limits.dq_lower(i, q) * kRounding)) return false;
-    return can_stop(i, q, step.velocity, step.acceleration);
+    return can_stop(i, q, step.velocity, step.acceleration, kShare * limits.ddq_max[i], kShare * limits.dddq_max[i]);
   }
 
   bool restrained() const { return reduced || bounded; }
@@ -416,9 +407,19 @@ struct Limiter::Impl : Motion {
     joint.acceleration = step.acceleration;
   }
 
+  // Next to the end of its range, or of its envelope, a joint takes all that it has, until it rests.
   bool plan_brake(bool soon) noexcept {
     for (int i = 0; i < kJoints; ++i) {
-      joint_brake.in.max_jerk[i] = (soon ? kSoonJerk : kGentleJerk) * limits.dddq_max[i];
+      double A = kShare * braking * limits.ddq_max[i], J = (soon ? kSoonJerk : kGentleJerk) * limits.dddq_max[i];
+      Joint& joint = joints[i];
+      if (!joint.hard) joint.hard = !can_stop(i, joint.q, joint.velocity, joint.acceleration, A, J);
+      if (*joint.hard) {
+        A = kShare * limits.ddq_max[i];
+        J = kShare * limits.dddq_max[i];
+      }
+      joint_brake.in.max_acceleration[i] = A;
+      (*joint_brake.in.min_acceleration)[i] = -A;
+      joint_brake.in.max_jerk[i] = J;
       joint_brake.in.current_velocity[i] = joints[i].velocity;
       joint_brake.in.current_acceleration[i] = joints[i].acceleration;
     }
@@ -500,6 +501,7 @@ struct Limiter::Impl : Motion {
       // A joint on its way may meet the wanted position in passing: that is not yet to have caught up.
       if (joints[i].held) pass[i] = pass[i] && has_follow && joint_follow.arrives(i, dt);
       next[i].held = !pass[i];
+      next[i].hard.reset();
       all &= pass[i];
       if (pass[i]) {
         take(next[i], wanted.q[i], as_wanted(joints[i], wanted.q[i], dt), dt);
@@ -926,7 +928,10 @@ void Limiter::bound(const Vector7& dq) noexcept {
   impl_->bounded = dq.array().isFinite().any();
 }
 
-void Limiter::spare(double braking, double catching_up) noexcept { impl_->spare(braking, catching_up); }
+void Limiter::spare(double braking, double catching_up) noexcept {
+  impl_->braking = braking;
+  impl_->spared = catching_up;
+}
 
 Vector7 Limiter::joint_velocity_to_come() const noexcept {
   Vector7 dq;
@@ -1051,7 +1056,9 @@ std::size_t Limiter::way_to_rest(std::span<Vector7> out, bool soon) noexcept {
   const double most = Vector7::Map(p.data()).cwiseAbs().maxCoeff();
   const std::size_t count = places_on(most, out.size());
   for (std::size_t k = 0; k < count; ++k) {
-    m.joint_brake.trajectory.at_time(duration * static_cast<double>(k + 1) / static_cast<double>(count), p, v, a);
+    // As far from each other where it is fast as where it is slow.
+    const double left = 1 - static_cast<double>(k + 1) / static_cast<double>(count);
+    m.joint_brake.trajectory.at_time(duration * (1 - std::sqrt(left)), p, v, a);
     out[k] = q + Vector7::Map(p.data());
   }
   return count;

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <random>
 #include <string>
@@ -569,6 +570,34 @@ TEST_P(AnyArm, near_the_end_of_the_range_nothing_is_asked_for_that_cannot_be_sto
       }
       EXPECT_TRUE(judge.obeyed()) << "joint " << i << ": " << judge.text();
       EXPECT_LT(std::abs(judge.v[i]), 0.05) << "joint " << i;
+    }
+  }
+}
+
+// Also where joints next to the ends of their ranges can not be braked as gently as others, or not with as little.
+TEST_P(AnyArm, comes_to_rest_where_it_said) {
+  for (const double spared : {1., 0.3}) {
+    for (const bool soon : {false, true}) {
+      double worst = 0;
+      for (int trial = 0; trial < 30; ++trial) {
+        Reference wanted;
+        wanted.joint.q = (Vector7::Map(limits.q_min.data()) + Vector7::Map(limits.q_max.data())) / 2;
+        realtime::Limiter limiter(limits);
+        limiter.reset(wanted);
+        limiter.spare(spared, 1);
+        Reference out;
+        for (int k = 0; k < 500 + 30 * trial; ++k) {
+          for (int i = 0; i < 7; ++i) wanted.joint.dq[i] = (trial >> i & 1 ? -0.8 : 0.8) * limits.dq_max[i];
+          wanted.joint.q += kDt * wanted.joint.dq;
+          limiter.follow(wanted, kDt, out);
+        }
+        std::array<Vector7, 8> way;
+        const std::size_t places = limiter.way_to_rest(way, soon);
+        for (int k = 0; k < 3000 && !limiter.brake(kDt, out, soon); ++k) {
+        }
+        worst = std::max(worst, (out.joint.q - way[places - 1]).cwiseAbs().maxCoeff());
+      }
+      EXPECT_LT(worst, 0.015) << "rad, " << spared << (soon ? ", soon" : "");
     }
   }
 }
