@@ -21,6 +21,7 @@ from frankapy.parts import (
     StayPose,
     Time,
 )
+from frankapy.walls import Plane
 
 TRUTH_FILE = True
 TOP = 0.2  # m, of the plate
@@ -125,6 +126,23 @@ def test_the_observer_finds_what_pushes_in_any_controller_and_calls_it_a_collisi
                 ideal_arm.simulation.push([0] * 6, duration=0)
             state = fa.wait_for(lambda state: not state.collision and np.abs(state.tau_ext_observed).max() < 0.5, timeout=60)
             fa.stop_skill()
+
+
+@pytest.mark.parametrize("law", [JointImpedance(), InternalImpedance()], ids=["torque", "robot"])
+def test_the_way_back_ends_at_a_wall(ideal_arm, law):
+    with ideal_arm.client() as fa:
+        fa.run(MinJerkJoint(HOME, 1))
+        beside = fa.get_pose(include_tool_offset=False).translation[1] + 0.127  # the hand is 0.127 m from its middle to its side
+        fa.walls["beside"] = Plane([0, -1, 0], [0, beside + 0.04, 0])
+        try:
+            fa.run(StayJoint(3600), law, Contact(estimate="observer", then=BackOff(0.1)), block=False)
+            ideal_arm.simulation.push([0, 20, 0, 0, 0, 0], duration=0.05)
+            fa.wait_for_skill()
+        finally:
+            del fa.walls["beside"]
+        result = fa.last_skill_result
+        assert result.after_contact == proto.BACKED_OFF and result.held_by & proto.WALL, result
+        assert 0.01 < result.backed_off < 0.05, "and not on to where it was told to"
 
 
 def test_it_can_be_stopped_while_it_backs_off(at_plate):

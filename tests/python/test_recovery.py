@@ -148,6 +148,7 @@ def test_a_user_stop_is_told_and_waits_for_its_release_and_a_person(sim, fa, cap
     assert result.ending == proto.ROBOT_ERROR and not result.errors
     assert result.last_state.robot.robot_mode == proto.USER_STOPPED
     assert result.recovery.obstacle == proto.STOPPED_BY_USER
+    assert result.black_box, "its own, or that of an error just before"
     fa.wait_for_skill()
     with pytest.raises(FrankaArmFrankaInterfaceNotReadyException, match="release the user stop") as refused:
         fa.recover()
@@ -222,6 +223,7 @@ def test_late_commands_are_counted_and_recovered_from(sim, fa):
     result = fa._motions.running.result()
     sim.network()
     assert list(result.errors) == ["communication_constraints_violation"]
+    assert result.black_box, "its own, or that of an error just before"
     assert 15 <= result.lost_commands <= 40 and f"of the last 100 commands {result.lost_commands})" in result.message
     assert result.recovery.recovered and result.recovery.by_itself
 
