@@ -18,7 +18,7 @@ namespace {
 constexpr double kBeside = 2e-3;  // rad, m
 
 // Of the bounds, that a reference keeps to, as the arm is not quite where that is; and of the tool's speed where joints are slowed.
-constexpr double kBoundShare = 0.96, kPowerShare = 0.9, kSlowShare = 0.9;
+constexpr double kBoundShare = 0.96, kPowerShare = 0.9, kSlowShare = 0.9, kTorqueShare = 0.97;
 constexpr double kSoon = 0.1;         // s in which a joint that moves along goes a way that counts like one that is left
 constexpr double kNoWay = 1e-9;       // m, of the tool
 constexpr double kSlowest = 1e-3;     // rad/s, of a joint that has no way to go
@@ -118,19 +118,21 @@ double MotionGate::tool_speed() const noexcept {
   return std::max((J * limiter_.last().joint.dq).norm(), (J * limiter_.joint_velocity_to_come()).norm());
 }
 
-// Whether the joints do more with it than may be asked for, or take more than the robot has.
-HeldBy MotionGate::too_much_power(const Reference& reference) const noexcept {
+// Whether the joints do more with it than may be asked for, or take more than the robot has; or bear more than they can.
+HeldBy MotionGate::too_much_effort(const Reference& reference) const noexcept {
   const bool joints = reference.motion == Channels::kJoint;
   const Vector7 dq = joint_velocity();
   const Vector7 ddq = joints ? reference.joint.ddq : Vector7(joints_.dq_dP * reference.cartesian.acceleration);
   const Vector7 tau = felt_inertia(model_.mass()) * ddq + model_.coriolis();
+  const bool bears_too_much = joints && (tau + gravity_).cwiseAbs().cwiseQuotient(tau_max_).maxCoeff() > kTorqueShare;
   return when(dq.dot(tau) > kPowerShare * bounds_.power || power_taken(tau + gravity_, dq) > kPowerShare * models::kMostPower,
-              HeldBy::kPower);
+              HeldBy::kPower) |
+         when(bears_too_much, HeldBy::kTorqueLimits);
 }
 
 // `fastest`: of the tool, that is not yet too fast, m/s.
 HeldBy MotionGate::beyond_bounds(const Reference& reference, double fastest) const noexcept {
-  return when(tool_speed() > fastest, HeldBy::kToolSpeed) | too_much_power(reference);
+  return when(tool_speed() > fastest, HeldBy::kToolSpeed) | too_much_effort(reference);
 }
 
 // So that they together do not move it faster.

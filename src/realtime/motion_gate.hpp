@@ -74,7 +74,7 @@ class MotionGate {
   HeldBy keep_to_bounds(const Reference& wanted, Reference& reference) noexcept;
   HeldBy beyond_bounds(const Reference& reference, double fastest) const noexcept;
   double tool_speed() const noexcept;
-  HeldBy too_much_power(const Reference& reference) const noexcept;
+  HeldBy too_much_effort(const Reference& reference) const noexcept;
   void share_tool_speed(const Reference& wanted) noexcept;
   bool elbow_is_clear(const Vector7& q) noexcept;
   HeldBy meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept;

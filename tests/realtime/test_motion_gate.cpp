@@ -149,6 +149,40 @@ TEST_P(StretchedArm, catches_up_with_what_its_joints_can_bear) {
   EXPECT_LT(worst, 1.1);
 }
 
+// Likewise where what is asked for does all that each joint may by itself.
+TEST_P(StretchedArm, is_asked_for_no_more_than_its_joints_can_bear) {
+  double worst = 0, worst_of_all = 0;
+  int held = 0;
+  for (int n = 0; n < 300; ++n) {
+    Reference reference, wanted;
+    Vector7 way;
+    for (int i = 0; i < 7; ++i) {
+      reference.joint.q[i] = limits.q_min[i] + (0.3 + 0.4 * share(random)) * (limits.q_max[i] - limits.q_min[i]);
+      way[i] = 0.95 * limits.ddq_max[i] * (share(random) < 0.5 ? -1 : 1);
+    }
+    const Reference begin = reference;
+    MotionGate gate(limits, model);
+    gate.place(reference.joint.q);
+    gate.reset(reference);
+    for (int k = 0; k < 120; ++k) {
+      constexpr double kRate = 2 * M_PI / 0.06;  // 1/s
+      const double t = kTick * k, s = std::sin(kRate * t), c = std::cos(kRate * t), in = std::min(t / 0.02, 1.);
+      wanted.joint.q = begin.joint.q + in * (1 - c) / (kRate * kRate) * way;
+      wanted.joint.dq = in * s / kRate * way;
+      wanted.joint.ddq = in * c * way;
+      model.update(reference.joint.q, reference.joint.dq);
+      gate.observe(reference, model.gravity(down), nullptr);
+      held += has(gate.follow(wanted, reference), HeldBy::kTorqueLimits);
+      model.update(reference.joint.q, reference.joint.dq);
+      worst = std::max(worst, strain(reference.joint.ddq));
+      worst_of_all = std::max(worst_of_all, strain(wanted.joint.ddq));
+    }
+  }
+  EXPECT_LT(worst, 1.05);
+  EXPECT_GT(worst_of_all, 1.1);
+  EXPECT_GT(held, 0);
+}
+
 class FoldedArm : public testing::TestWithParam<const char*> {};
 INSTANTIATE_TEST_SUITE_P(Arms, FoldedArm, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
 
