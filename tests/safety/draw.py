@@ -85,9 +85,12 @@ class Draw:
         if isinstance(ends[0], proto.Contact) and self.chance(0.7):
             endings = [d for _, d in kinds("ending") if d.name != "Comply" or robot_controller == "torque"]
             ends[0].then.Pack(self.part(self.one(endings)))
+        law = self.part(controller)
+        if isinstance(law, proto.InternalImpedance) and robot_controller in ("joint_position", "joint_velocity"):
+            law.ClearField("K_x")  # by which an elbow is held by nothing: however firm, it is left behind and thrown
         return {
             "trajectory": self.part(trajectory),
-            "controller": self.part(controller),
+            "controller": law,
             "until": ends,
             "robot_controller": robot_controller,
             "speed": self.one([1, 1, 1, self.uniform(0.1, 1)]),
