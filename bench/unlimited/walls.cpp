@@ -16,6 +16,6 @@ void WallGuard::look(const Vector7&, const Vector7&, const Vector7&) noexcept {}
 void WallGuard::begin() noexcept {}
 HeldBy WallGuard::add(const Vector7&, const Matrix7&, const Vector7&, Vector7&) noexcept { return HeldBy::kNothing; }
 double WallGuard::too_fast(const Vector7&, const Matrix7&, const Vector7&, const Vector7&) const noexcept { return 0; }
-void WallGuard::brake_too_fast(const Vector7&, const Matrix7&, const Vector7&, const Vector7&) noexcept {}
+bool WallGuard::brake_too_fast(const Vector7&, const Matrix7&, const Vector7&, const Vector7&) noexcept { return false; }
 
 }  // namespace realtime

@@ -107,8 +107,7 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   const SpeedBounds speeds{barrier_.dq_min(), barrier_.dq_max(), bounds_.tool_speed, bounds_.power, kMostTaken};
   if (!falling.keeps(speeds, tau_J_d)) {
     Vector7 slower = c * std::min(1., bounds_.power / std::max(c.dot(cycle.dq), 1e-9));
-    const bool to_walls = has_walls && walls.too_fast(falling.dq(), mobility, limits_.rate(), tau_J_d - c) > 0;
-    if (to_walls) walls.brake_too_fast(falling.dq(), mobility, limits_.rate(), tau_J_d - c);
+    const bool to_walls = has_walls && walls.brake_too_fast(falling.dq(), mobility, limits_.rate(), tau_J_d - c);
     if (to_walls || pushed_away != HeldBy::kNothing) held |= walls.add(cycle.dq, mobility, c, slower);
     tool = tool_brake(cycle, pushed, 0);
     barrier_.add(cycle.q, cycle.dq, mobility, c, lead, slower, tool ? &*tool : nullptr);

@@ -256,12 +256,16 @@ double WallGuard::too_fast(const Vector7& dq, const Matrix7& mobility, const Vec
   return most;
 }
 
-void WallGuard::brake_too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) noexcept {
+bool WallGuard::brake_too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) noexcept {
   const Vector7 ddq = mobility * tau;
+  bool any = false;
   for (int k = 0; k < barrier_count_; ++k) {
     Barrier& barrier = barriers_[k];
-    if (too_fast(barrier, dq, ddq, rate, tau) > 0) barrier.least = std::max(barrier.least, kBrake);
+    if (too_fast(barrier, dq, ddq, rate, tau) <= 0) continue;
+    barrier.least = std::max(barrier.least, kBrake);
+    any = true;
   }
+  return any;
 }
 
 }  // namespace realtime

@@ -57,8 +57,7 @@ class WallGuard {
   bool clear(const Vector7& q, std::span<const Vector7> way, double clearance) noexcept;
 
   // What keeps a change of the joints, from where they were in the last clear(), kClearance away from what was near there.
-  static constexpr int kMostContacts = 32;
-  using Bounds = std::array<JointBound, kMostContacts>;
+  using Bounds = std::array<JointBound, kMostBounds>;
   std::span<const JointBound> bounds(Bounds& out) const noexcept;
 
   // Once in a cycle of torques: where the arm is, and what velocity the torque that acts may bring it to (rad/s). Then what is added
@@ -67,9 +66,9 @@ class WallGuard {
   HeldBy add(const Vector7& dq, const Matrix7& mobility, const Vector7& c, Vector7& tau_J_d) noexcept;
 
   // After add(): how much faster than it could be braked the arm would come near to something if at dq the torque is `tau` beside c,
-  // and then changes at `rate` (N m/s) to what brakes; m/s. What asks for that, then, may be braked from now on.
+  // and then changes at `rate` (N m/s) to what brakes; m/s. The other has what asks for that braked from now on; whether anything does.
   double too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) const noexcept;
-  void brake_too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) noexcept;
+  bool brake_too_fast(const Vector7& dq, const Matrix7& mobility, const Vector7& rate, const Vector7& tau) noexcept;
 
   // The wall that stood in the way, the last time one did; 0: none yet. It may be no more.
   std::uint32_t wall() const noexcept { return wall_; }
@@ -81,6 +80,7 @@ class WallGuard {
     double distance;   // m
     Vector7 gradient;  // of it, m/rad
   };
+  static constexpr int kMostContacts = kMostBounds;
   // Of what is near, at which acceleration (m/s²) at least it has to go away.
   struct Barrier {
     Vector7 gradient;
