@@ -75,6 +75,7 @@ Loop::Loop(robot::Driver& driver, Model& model, const models::Limits& limits, co
       gate_(limits, model),
       torque_gate_(limits),
       watch_(options.watch),
+      rejoin_(limits),
       settings_(options.settings) {
   left_over_.set_duration(kFadeTime);
   tool_state_.m_ee = -1;  // so that the first state's is taken

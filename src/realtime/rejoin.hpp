@@ -1,5 +1,9 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+
+#include "models/arm.hpp"
 #include "realtime/reference.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/tick.hpp"
@@ -10,22 +14,37 @@ namespace realtime {
 // reference on with constant acceleration; at the next command the difference in position, velocity and
 // acceleration is added to the trajectory and decays to zero along a quintic polynomial of time. Catching
 // up as fast as the limits permit would instead answer each loss with the full jerk, and the next loss would
-// carry that on.
+// carry that on. A difference so great that this asks for more than the limits allow is left to them: what they
+// hold back is not zero in its time, and after the next loss this would ask for still more.
 class Rejoin {
  public:
+  explicit Rejoin(const models::Limits& limits) : limits_(limits) {}
+
   // `is` and `wanted` belong to the same moment.
   void start(const Reference& is, const Reference& wanted) noexcept {
-    left_ = kDuration;
+    bool asks_too_much = false;
+    const auto see = [&asks_too_much](double x, double v, double a, const models::Limits::Rates& most) {
+      constexpr double T = kDuration;
+      // The greatest accelerations of the three parts of the polynomial, and their jerks, which are greatest at its start.
+      asks_too_much |= std::max({10 / std::sqrt(3.) * x / (T * T), 4 * v / T, a}) > most.acceleration ||
+                       std::max({60 * x / (T * T * T), 36 * v / (T * T), 9 * a / T}) > most.jerk;
+    };
     if (is.motion == Channels::kJoint) {
       x_ = is.joint.q - wanted.joint.q;
       v_ = is.joint.dq - wanted.joint.dq;
       a_ = is.joint.ddq - wanted.joint.ddq;
+      for (int i = 0; i < models::kJoints; ++i) {
+        see(std::abs(x_[i]), std::abs(v_[i]), std::abs(a_[i]), {limits_.dq_max[i], limits_.ddq_max[i], limits_.dddq_max[i]});
+      }
     } else {
       x_ << is.cartesian.position - wanted.cartesian.position,
           log(is.cartesian.orientation * wanted.cartesian.orientation.conjugate()), 0;
       v_ << is.cartesian.velocity - wanted.cartesian.velocity, 0;
       a_ << is.cartesian.acceleration - wanted.cartesian.acceleration, 0;
+      see(x_.head<3>().norm(), v_.head<3>().norm(), a_.head<3>().norm(), limits_.translation);
+      see(x_.segment<3>(3).norm(), v_.segment<3>(3).norm(), a_.segment<3>(3).norm(), limits_.rotation);
     }
+    left_ = asks_too_much ? 0 : kDuration;
     const auto most = [](const Vector7& d) { return d.cwiseAbs().maxCoeff(); };
     if (most(x_) < kNothing && most(v_) < kNothing / kTick && most(a_) < kNothing / (kTick * kTick)) left_ = 0;
   }
@@ -64,6 +83,7 @@ class Rejoin {
   static constexpr double kDuration = 0.05;  // s
   static constexpr double kNothing = 1e-9;   // rad or m: steps over this within a cycle are rest for the limiter
 
+  models::Limits limits_;
   double left_ = 0;    // s
   Vector7 x_, v_, a_;  // differences at the start; poses use six
 };
