@@ -366,10 +366,11 @@ def test_a_forked_child_is_told_who_knows_of_the_hand(server, arm):
 
 
 INTERRUPTED = """
-import sys, time
+import signal, sys, time
 from frankapy import FrankaArm, channel
 channel.SILENCE = 60  # s: a computer may stand still
 arm = FrankaArm(server=sys.argv[1])
+{first}
 try:
     arm.{call}
     print('returned', flush=True)
@@ -388,8 +389,8 @@ def script(server):
     """Give a function which starts a script that makes one call of an arm."""
     children = []
 
-    def start(call):
-        command = [sys.executable, "-c", INTERRUPTED.format(call=call), server.address]
+    def start(call, first=""):
+        command = [sys.executable, "-c", INTERRUPTED.format(call=call, first=first), server.address]
         children.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         return children[-1]
 
@@ -433,6 +434,18 @@ def test_a_signal_stops_a_skill_that_has_not_been_confirmed_yet(server, script, 
     output, _ = child.communicate(timeout=300)
     assert word in output
     assert child.returncode == status
+
+
+def test_a_handler_of_the_scripts_own_stops_a_skill_that_has_not_been_confirmed_yet(server, script):
+    server.skill_time = 60
+    server.withholds = {"skill_started"}
+    child = script(f"goto_joints({HOME}, 1)", first="signal.signal(signal.SIGINT, signal.default_int_handler)")
+    wait_until(lambda: server.calls("start_skill"))
+    child.send_signal(signal.SIGINT)
+    wait_until(lambda: server.calls("stop_skill"))
+    server.withholds = set()
+    output, _ = child.communicate(timeout=300)
+    assert "interrupted" in output
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=["Ctrl-C", "SIGHUP"])

@@ -5,7 +5,7 @@ import pytest
 from conftest import HOME
 from test_validation import BAD
 
-from frankapy import FrankaArmArgumentError, FrankaConstants, RigidTransform, proto
+from frankapy import FrankaArmArgumentError, FrankaArmBusyException, FrankaConstants, RigidTransform, proto
 from frankapy.validation import validate
 
 ROTATION = np.diag([1.0, -1.0, -1.0])
@@ -24,6 +24,12 @@ def broken_pose():
 def skewed_pose():
     p = pose(0.4, 0, 0.4)
     p.rotation[0, 0] = 1.5
+    return p
+
+
+def mirrored_pose():
+    p = pose(0.4, 0, 0.4)
+    p.rotation[:, 1] *= -1
     return p
 
 
@@ -72,7 +78,8 @@ REFUSED = {
     "fields of states": (lambda fa: fa.states(fields=["robot.p"]), "fields has 'robot.p': expected fields of ArmState"),
     "pose: no pose": (lambda fa: fa.goto_pose([0.4, 0, 0.4]), "expected a RigidTransform"),
     "pose: NaN": (lambda fa: fa.goto_pose(broken_pose()), "not finite"),
-    "pose: no rotation": (lambda fa: fa.goto_pose(skewed_pose()), "no rotation matrix"),
+    "pose: no rotation": (lambda fa: fa.goto_pose(skewed_pose()), "rotation is no rotation matrix"),
+    "pose: mirrored": (lambda fa: fa.goto_pose(mirrored_pose()), "rotation is no rotation matrix"),
     "pose: of the tool base": (
         lambda fa: fa.goto_pose(fa.get_pose(include_tool_offset=False)),
         "frames franka_tool_base to world: expected franka_tool to world",
@@ -203,3 +210,25 @@ def test_bytes_that_are_not_the_kind_are_refused(fa):
     request.start_skill.skill.trajectory.value = b"\x0a\xff\xff"
     with pytest.raises(FrankaArmArgumentError, match="MinJerkJoint"):
         fa._connection.ask(request)
+
+
+def test_a_skill_that_runs_goes_on_whatever_is_refused_meanwhile(fa):
+    fa.run(proto.MinJerkJoint(q=HOME + [0.3, 0.1, -0.2, 0.2, 0.2, 0.1, 0.3], duration=600), block=False)
+    running = fa.wait_for(lambda state: state.skill_id != 0 and state.phase == proto.RUNNING).skill_id
+    unknown, garbled = request_of(proto.JointImpedance()), request_of(proto.JointImpedance())
+    unknown.start_skill.skill.controller.type_url = "type.googleapis.com/frankapy.proto.FromTheFuture"
+    garbled.start_skill.skill.trajectory.value = b"\x0a\xff\xff"
+    for request in [request_of(message) for message, _ in BAD] + [unknown, garbled]:
+        if request.HasField("start_skill"):
+            request.start_skill.preempt = True
+        with pytest.raises(FrankaArmArgumentError):
+            fa._connection.ask(request)
+    for name in ("joints: behind a wall", "pose: NaN", "tool: wrong frames"):
+        with pytest.raises((FrankaArmArgumentError, FrankaArmBusyException)):
+            REFUSED[name][0](fa)
+    state = fa.get_arm_state()
+    assert state.skill_id == running and not fa.is_skill_done()
+    fa.stop_skill()
+    result = fa.last_skill_result
+    assert (result.skill_id, result.ending, result.limited_cycles, result.held_by) == (running, proto.STOPPED, 0, 0)
+    fa.goto_joints(HOME, 1)
