@@ -291,6 +291,9 @@ class Player:
             self._other.run(draw.skill()["trajectory"], block=False)
         self._try(lambda: self._other.walls)
         self._try(self._other.stop_skill)
+        with self._tried():  # where it commands the arm now, it would for the rest of the run
+            self._other.close()
+            self._other = self._client()
 
     def _client_is_killed(self, draw: Draw) -> None:
         self._fa.close()
@@ -356,9 +359,12 @@ class Player:
     # --- what events are made of ---
 
     def _connect(self) -> None:
-        self._fa, self._other = (FrankaArm(server=self._recorded.server, with_gripper=False) for _ in range(2))
-        for client in (self._fa, self._other):
-            client.recovery = 1000  # times in a row: nobody is there to be asked
+        self._fa, self._other = self._client(), self._client()
+
+    def _client(self) -> FrankaArm:
+        client = FrankaArm(server=self._recorded.server, with_gripper=False)
+        client.recovery = 1000  # times in a row: nobody is there to be asked
+        return client
 
     def _home_joints(self) -> None:
         self._run({"trajectory": MinJerkJoint(HOME, 1.0)})
