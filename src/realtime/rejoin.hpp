@@ -7,6 +7,7 @@
 #include "realtime/reference.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/tick.hpp"
+#include "realtime/trajectories/min_jerk.hpp"
 
 namespace realtime {
 
@@ -33,9 +34,7 @@ class Rejoin {
       x_ = is.joint.q - wanted.joint.q;
       v_ = is.joint.dq - wanted.joint.dq;
       a_ = is.joint.ddq - wanted.joint.ddq;
-      for (int i = 0; i < models::kJoints; ++i) {
-        see(std::abs(x_[i]), std::abs(v_[i]), std::abs(a_[i]), {limits_.dq_max[i], limits_.ddq_max[i], limits_.dddq_max[i]});
-      }
+      for (int i = 0; i < models::kJoints; ++i) see(std::abs(x_[i]), std::abs(v_[i]), std::abs(a_[i]), rates(limits_, i));
     } else {
       x_ << is.cartesian.position - wanted.cartesian.position,
           log(is.cartesian.orientation * wanted.cartesian.orientation.conjugate()), 0;

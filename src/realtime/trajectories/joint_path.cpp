@@ -13,10 +13,8 @@ void JointPath::start(const Reference& from) noexcept {
   }
   fading_.start(from.joint.q - path.q, dq, ddq, Vector7::Zero(), decay);
   double T = decay;
-  for (int i = 0; i < models::kJoints; ++i) {
-    const double way = std::abs(fading_.way()[i]);
-    T = std::max({T, least_fade(way, rates(limits_, i)), least_duration(way, rates(limits_, i))});
-  }
+  for (int i = 0; i < models::kJoints; ++i)
+    T = std::max(T, fade_duration(std::abs(fading_.way()[i]), rates(limits_, i)));
   fading_.set_duration(T);
   wait_ = std::max(0.0, T - clear_after_);
 }

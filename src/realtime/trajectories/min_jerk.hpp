@@ -83,10 +83,11 @@ inline double least_duration(double distance, const models::Limits::Rates& limit
                    std::cbrt(60 * distance / (kMotionShare * limits.jerk))});
 }
 
-// As long as a path leads an arm back to it at least, s: where that sags by tenths of a millimetre, as soon as may be is a jerk.
-inline double least_fade(double distance, const models::Limits::Rates& limits) {
+// Of the way on which a path leads an arm back to it, s: where that sags by tenths of a millimetre, the least is a jerk.
+inline double fade_duration(double distance, const models::Limits::Rates& limits) {
   constexpr double kGentle = 0.05, kLongest = 0.1;  // of the acceleration; s
-  return std::min(std::sqrt(10 / std::sqrt(3.0) * distance / (kGentle * limits.acceleration)), kLongest);
+  const double gently = least_duration(distance, {limits.velocity, kGentle / kMotionShare * limits.acceleration, limits.jerk});
+  return std::max(least_duration(distance, limits), std::min(gently, kLongest));
 }
 
 // Time for the decay of v and a, s: half of the acceleration and a quarter of the jerk are used for it.

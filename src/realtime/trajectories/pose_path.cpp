@@ -23,9 +23,8 @@ void PosePath::start(const Reference& from) noexcept {
                                 decay_duration(w.norm(), dw.norm(), limits_.rotation));
   translation_.start(x, v, a, Vector3::Zero(), decay);
   rotation_.start(r, r_rates.dr, r_rates.ddr, Vector3::Zero(), decay);
-  const double x_way = translation_.way().norm(), r_way = rotation_.way().norm();
-  const double T = std::max({decay, least_fade(x_way, limits_.translation), least_fade(r_way, limits_.rotation),
-                             least_duration(x_way, limits_.translation), least_duration(r_way, limits_.rotation)});
+  const double T = std::max({decay, fade_duration(translation_.way().norm(), limits_.translation),
+                             fade_duration(rotation_.way().norm(), limits_.rotation)});
   for (MinJerk<3>* each : {&translation_, &rotation_})
     each->set_duration(T);
   wait_ = std::max(0.0, T - clear_after_);
