@@ -23,7 +23,7 @@ from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
 from frankapy.recording import Recording
 from frankapy.terminal import colored, print_rows
-from frankapy.writing import not_written
+from frankapy.writing import write_picture
 
 COMPAT = Path(__file__).resolve().parent / "compat"  # the folder that stands in for ROS
 
@@ -191,12 +191,7 @@ def _plot(options: argparse.Namespace) -> int:
     except ImportError:
         raise FrankaArmException("Pictures need matplotlib: pip install 'frankapy[recordings]'") from None
     if options.save:
-        if options.save.suffix not in (".png", ".pdf", ".svg"):
-            raise FrankaArmException(f"--save {options.save}: expected a name that ends in .png, .pdf or .svg")
-        try:
-            figure.savefig(options.save, dpi=110)
-        except OSError as error:
-            raise not_written(options.save, error) from None
+        write_picture(figure, options.save, dpi=110)
         print(options.save)
         return 0
     import matplotlib.pyplot as plt

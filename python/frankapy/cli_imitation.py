@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
-from frankapy.writing import require_writable
+from frankapy.writing import require_picture, require_writable, write_picture
 
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 _STIFF = (600, 600, 600, 50, 50, 50)  # N/m and Nm/rad along and about those that do not yield
@@ -112,8 +112,9 @@ def _learn(options: argparse.Namespace) -> int:
     from frankapy import dmp
     from frankapy.demonstration import Demonstration
 
-    for file in filter(None, (options.output, options.plot)):
-        require_writable(file)
+    require_writable(options.output)
+    if options.plot:
+        require_picture(options.plot)
     demonstrations = [Demonstration.load(file).trimmed() for file in options.files]
     if options.smooth > 0:
         demonstrations = [demonstration.smooth(options.smooth) for demonstration in demonstrations]
@@ -125,8 +126,8 @@ def _learn(options: argparse.Namespace) -> int:
             )
         sensors = np.reshape(sensors, (len(options.files), -1))
     primitive = dmp.fit(demonstrations, options.kind, options.basis, options.method, options.ridge, sensors)
-    primitive.save(options.output)
-    print(f"{options.output}: {primitive!r}")
+    files = primitive.save(options.output)
+    print(f"{', '.join(map(str, files))}: {primitive!r}")
     if options.plot:
         if sensors is None:
             _draw(options.plot, primitive.plot, demonstrations)
@@ -140,7 +141,7 @@ def _draw(file: Path, plot: Callable[..., Any], *arguments: Any, **named: Any) -
         figure = plot(*arguments, **named)
     except ImportError:
         raise FrankaArmException("Pictures need matplotlib: pip install 'frankapy[plots]'") from None
-    figure.savefig(file, dpi=120)
+    write_picture(figure, file, dpi=120)
 
 
 def _imitate(options: argparse.Namespace) -> int:
@@ -155,6 +156,7 @@ def _imitate(options: argparse.Namespace) -> int:
             goal_orientation=options.goal_orientation, sensor_values=options.sensors,
         )  # fmt: skip
         if options.plot:
+            require_picture(options.plot)
             shown = [Demonstration.load(file).trimmed() for file in options.over]
             _draw(options.plot, primitive.plot, shown, limits=fa.limits, **changed)
             print(options.plot)

@@ -90,7 +90,8 @@ def as_box(box: Any) -> tuple[np.ndarray, np.ndarray]:
     In place of the angles there may be a quaternion w, x, y, z: (10,).
     """
     box = vector("box", box, 10 if np.size(box) == 10 else 9)
-    _check_sizes(box[None, -3:])
+    if (box[-3:] < 0).any():
+        raise FrankaArmArgumentError(f"box has the size {box[-3:]}: expected at least 0 m along each axis")
     pose = np.eye(4)
     pose[:3, :3] = RigidTransform.rotation_from_quaternion(box[3:7]) if len(box) == 10 else rotation_from_rpy(box[3:6])
     pose[:3, 3] = box[:3]
@@ -98,13 +99,14 @@ def as_box(box: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def as_boxes(boxes: Any) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return pose and size of each box, as `as_box`; (n, 9) or (n, 10), one row may be given without brackets."""
-    return [as_box(row) for row in table("boxes", boxes, 10 if np.shape(boxes)[-1:] == (10,) else 9)]
+    """Return pose and size of each box, as `as_box`; (n, 9) or (n, 10), one row may be given without brackets, or none at all."""
+    return [as_box(row) for row in _rows("boxes", boxes)]
 
 
-def _check_sizes(sizes: np.ndarray) -> None:
-    for size in sizes[(sizes < 0).any(axis=1)]:
-        raise FrankaArmArgumentError(f"box has the size {size}: expected at least 0 m along each axis")
+def _rows(name: str, boxes: Any) -> Floats:
+    if np.size(boxes) == 0:
+        return np.zeros((0, 9))
+    return table(name, boxes, 10 if np.shape(boxes)[-1:] == (10,) else 9)
 
 
 def meet(pose: np.ndarray, size: np.ndarray, other: np.ndarray, other_size: np.ndarray) -> bool:
@@ -134,11 +136,12 @@ def behind(walls: Any, points: Floats, whole_wall: bool = False) -> tuple[int, i
     """Return the numbers of the first wall and point that is behind it; None when all points are before all walls.
 
     Args:
-        walls: boxes (see `as_box`), (n, 9). Behind is what the plane of its two longer sides parts from the base of the arm.
+        walls: boxes (see `as_boxes`). Behind is what the plane of its two longer sides parts from the base of the arm.
         points: m, in the base, (m, 3).
         whole_wall: also what is in the half of it that is nearer to the base.
     """
-    outward, distance, half = _planes(table("walls", walls, 9).tobytes())
+    rows = _rows("walls", walls)
+    outward, distance, half = _planes(rows.tobytes(), rows.shape[1])
     found = (points @ outward.T >= distance - (half if whole_wall else 0)) & (distance != 0)
     if not found.any():
         return None
@@ -147,19 +150,17 @@ def behind(walls: Any, points: Floats, whole_wall: bool = False) -> tuple[int, i
 
 
 @functools.lru_cache(maxsize=8)
-def _planes(walls: bytes) -> tuple[Floats, Floats, Floats]:
-    """Return the middle planes of walls, the bytes of an (n, 9) array: normals away from the base, distances from it; half thicknesses.
+def _planes(walls: bytes, columns: int) -> tuple[Floats, Floats, Floats]:
+    """Return the middle planes of walls, the bytes of their rows: normals away from the base, distances from it; half thicknesses.
 
     Every motion asks for those of the same walls.
     """
-    boxes = np.frombuffer(walls).reshape(-1, 9)
-    sizes = boxes[:, 6:]
-    _check_sizes(sizes)
-    thin = sizes.argmin(axis=1)
-    rows = np.arange(len(boxes))
-    normal = rotation_from_rpy(boxes[:, 3:6])[rows, :, thin]
-    distance = (normal * boxes[:, :3]).sum(axis=1)  # either side of the base
-    return normal * np.sign(distance)[:, None], np.abs(distance), sizes[rows, thin] / 2
+    boxes = [as_box(row) for row in np.frombuffer(walls).reshape(-1, columns)]
+    thin = [int(size.argmin()) for _, size in boxes]
+    normal = np.array([pose[:3, k] for (pose, _), k in zip(boxes, thin, strict=True)]).reshape(-1, 3)
+    distance = np.array([normal @ pose[:3, 3] for normal, (pose, _) in zip(normal, boxes, strict=True)])  # either side of the base
+    half = np.array([size[k] / 2 for (_, size), k in zip(boxes, thin, strict=True)])
+    return normal * np.sign(distance)[:, None], np.abs(distance), half
 
 
 def corners_at(joints: Floats) -> Floats:

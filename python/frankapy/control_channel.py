@@ -16,7 +16,7 @@ from frankapy import proto
 from frankapy.digits import digits
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import number, validate, vector, whole
+from frankapy.validation import array, number, validate, vector, whole
 
 CONTROL_PORT = 1339
 
@@ -154,8 +154,8 @@ class ControlChannel:
             max_force: N.
             point, link: where it takes hold, as in push().
         """
-        when = np.atleast_1d(np.asarray(times, dtype=float))
-        where = np.asarray(positions, dtype=float)
+        when = np.atleast_1d(array("times", times))
+        where = array("positions", positions)
         if when.ndim != 1 or where.shape not in ((when.size, 3), (3,) if when.size == 1 else None):
             raise FrankaArmArgumentError(
                 f"positions has the shape {where.shape} and times {when.shape}: expected (n, 3) and (n,)"
@@ -399,13 +399,13 @@ def _pose(pose: RigidTransform | ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Return position and quaternion (w, x, y, z)."""
     given: Any = pose
     if not hasattr(pose, "quaternion"):
-        array = np.asarray(pose, dtype=float)
-        if array.shape == (4, 4):
-            given = RigidTransform(rotation=array[:3, :3], translation=array[:3, 3])
-        elif array.shape == (3,):
-            given = RigidTransform(translation=array)
+        values = array("pose", pose)
+        if values.shape == (4, 4):
+            given = RigidTransform(rotation=values[:3, :3], translation=values[:3, 3])
+        elif values.shape == (3,):
+            given = RigidTransform(translation=values)
         else:
-            raise FrankaArmArgumentError(f"pose has the shape {array.shape}: expected (4, 4), or (3,) for a position")
+            raise FrankaArmArgumentError(f"pose has the shape {values.shape}: expected (4, 4), or (3,) for a position")
     return np.asarray(given.translation), np.asarray(given.quaternion)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import logging
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +20,8 @@ from frankapy.writing import write_file
 if TYPE_CHECKING:
     from frankapy.recording import Recording
 
+logger = logging.getLogger("frankapy")
+
 _RATE = 100.0  # Hz, of the poses in lists of scripts, which have no times
 _LONGEST_GAP = 0.5  # s between samples, which nothing is known of
 _FASTEST = 3.0  # m/s: no arm does that
@@ -27,6 +30,7 @@ _FASTEST_TURN = 10.0  # rad/s
 _REST_JOINT, _REST = 0.02, 0.005  # rad/s and m/s, below which nobody moves the arm
 _MARGIN = 0.1  # s of rest that a segment keeps at both ends
 _FORMAT = "frankapy demonstration 1"
+_ARCHIVE = b"PK"  # begins one, whatever its name
 
 
 @dataclasses.dataclass
@@ -58,8 +62,8 @@ class Demonstration:
         if np.any(steps > _LONGEST_GAP):
             i = int(np.argmax(steps))
             raise FrankaArmArgumentError(
-                f"There is a gap of {steps[i]:.2f} s at {self.times[i]:.2f} s: expected samples at least each {_LONGEST_GAP} s; cut() "
-                "there"
+                f"There is a gap of {steps[i]:.2f} s at {self.times[i]:.2f} s: expected samples at least each {_LONGEST_GAP} s. Give "
+                "what is before it, or behind it"
             )
         self.times = self.times - self.times[0]
         if self.joints is None and self.positions is None:
@@ -113,9 +117,13 @@ class Demonstration:
 
     @classmethod
     def of_states(cls, times: np.ndarray, joints: np.ndarray, O_T_EE: np.ndarray) -> Demonstration:
-        """Make one of the states of an arm: times (n,) s, q (n, 7), O_T_EE (n, 16) column by column."""
-        poses = np.asarray(O_T_EE, dtype=float).reshape(-1, 4, 4).transpose(0, 2, 1)
-        return cls(times, joints, poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
+        """Make one of the states of an arm: times (n,) s, q (n, 7), O_T_EE (n, 16) column by column.
+
+        Of times with a gap the longest part without one, with a warning.
+        """
+        part = _longest_part(times)
+        poses = np.asarray(O_T_EE, dtype=float).reshape(-1, 4, 4).transpose(0, 2, 1)[part]
+        return cls(times[part], joints[part], poses[:, :3, 3], _quaternions(poses[:, :3, :3]))
 
     @classmethod
     def load(cls, path: str | Path) -> Demonstration:
@@ -127,11 +135,11 @@ class Demonstration:
             data = path.read_bytes()
         except OSError as error:
             raise FrankaArmArgumentError(f"{path} cannot be read: {error.strerror}") from None
-        if path.suffix == ".mcap":
+        if path.suffix == ".mcap" and not data.startswith(_ARCHIVE):
             from frankapy.recording import Recording
 
             return cls.from_recording(Recording(path))
-        if path.suffix == ".npz":
+        if path.suffix == ".npz" or data.startswith(_ARCHIVE):
             fields = {field.name for field in dataclasses.fields(cls)}
             return cls(**{name: value for name, value in read_npz(path, data, _FORMAT).items() if name in fields})
         return cls._of_script(path, unpickle(path, data))
@@ -326,6 +334,21 @@ def held(data: Any) -> str:
     if isinstance(data, list):
         return f"a list of {type(data[0]).__name__}" if data else "an empty list"
     return f"a {type(data).__name__}"
+
+
+def _longest_part(times: np.ndarray) -> slice:
+    """Return the longest part of some times (s) without a gap, or a clock that begins anew."""
+    steps = np.diff(times)
+    edges = [0, *(np.flatnonzero((steps > _LONGEST_GAP) | (steps < 0)) + 1), len(times)]
+    if len(edges) > 2:
+        longest = int(np.argmax(np.diff(edges)))
+        part = slice(edges[longest], edges[longest + 1])
+        logger.warning(
+            "States are missing: of %d parts the longest is kept, %.1f s from %.1f s on.",
+            len(edges) - 1, times[part][-1] - times[part][0], times[part.start] - times[0],
+        )  # fmt: skip
+        return part
+    return slice(None)
 
 
 def _array(name: str, values: Any, dimensions: int) -> np.ndarray:

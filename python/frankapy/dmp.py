@@ -122,6 +122,8 @@ class Primitive:
             values["initial_sensor_values"] = self._sensor_values(sensor_values)
         if topic is not None:
             values["topic"] = text("topic", topic, 256)
+        if goal_orientation is not None and self.kind != "pose":
+            raise FrankaArmArgumentError(f"goal_orientation is for a primitive of a pose: this one is of kind {self.kind!r}")
         spring: dict[str, Any] = dict(tau=0.5 / T, alpha=self.alpha, beta=self.beta, mu=self.mu, h=self.h)
         if self.kind == "joint":
             return proto.JointDmp(**spring, **values)
@@ -247,20 +249,22 @@ class Primitive:
         """Rotation vectors (n, 3) of orientations from the learned goal."""
         return _unwrapped(_log(_between(orientations, np.asarray(self.goal_orientation))))
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path) -> list[Path]:
         """Write it as a NumPy archive (.npz), or as the dictionary that old scripts read (.pkl); of a pose two files, NAME-position.pkl
-        and NAME-quaternion.pkl, beside which they want `goal_orientation` and `duration`.
+        and NAME-quaternion.pkl, beside which they want `goal_orientation` and `duration`. Return the files.
         """
         path = Path(path)
         if path.suffix == ".pkl":
             import pickle
 
             parts = {"": self.info} if self.kind != "pose" else {"-position": self.info, "-quaternion": self.quat_info}
-            for name, info in parts.items():
-                write_file(path.with_stem(path.stem + name), pickle.dumps(info))
-            return
+            files = [path.with_stem(path.stem + name) for name in parts]
+            for file, info in zip(files, parts.values(), strict=True):
+                write_file(file, pickle.dumps(info))
+            return files
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         write_npz(path, _FORMAT, {name: np.asarray(value) for name, value in fields.items() if value is not None})
+        return [path]
 
     @classmethod
     def load(cls, path: str | Path) -> Primitive:

@@ -105,6 +105,7 @@ class FrankaArm:
         self._sensors: tuple[tuple[int, str], SensorPublisher] | None = None  # for which process and endpoint, and that one
         self._server_name, self._robot_num, self._key_file = server, whole("robot_num", robot_num), key
         self._connection = None if offline else Connection(server, self._robot_num, key)
+        self._tool_base: tuple[proto.Welcome | None, np.ndarray] = (None, np.eye(4))  # as the connection that it was asked over
         self._motions, self._hand = Motions(self._connection), Hand(self._connection, wanted=bool(with_gripper))
         self._reader = StateReader(self._connection)
         if self._connection is None:
@@ -940,7 +941,7 @@ class FrankaArm:
         def change(walls: proto.ChangeWalls) -> proto.Walls:
             return self._server.ask(proto.Request(change_walls=walls)).walls
 
-        return Walls(change, lambda: np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T)
+        return Walls(change, self._tool_base_on_flange)
 
     @property
     def obstacles(self) -> Walls:
@@ -1178,17 +1179,13 @@ class FrankaArm:
             >>> joints = fa.ik(pose)
         """
         poses.check("tool_pose", tool_pose, (TOOL, WORLD))
-        if self._connection is None:
-            now, tool_base = np.array(FC.HOME_JOINTS), reach.offline_tool()
-        else:
-            robot = self.get_arm_state().robot
-            now, tool_base = np.array(robot.q), np.array(robot.F_T_EE).reshape(4, 4).T
-        flange = tool_pose.matrix @ np.linalg.inv(tool_base @ self._tool_delta_pose.matrix)
+        now = np.array(FC.HOME_JOINTS) if self._connection is None else self.get_joints()
+        flange = tool_pose.matrix @ np.linalg.inv(self._tool_on_flange())
         return reach.joints_for(flange, now if near is None else vector("near", near, 7), *self._rest_range())
 
     def get_jacobian(self, joints: Numbers) -> np.ndarray:
         """Return the Jacobian of the tool in base axes at `joints` (rad, (7,)); (6, 7), linear over angular."""
-        return kinematics.jacobian(vector("joints", joints, 7), self._tool_delta_pose.translation)
+        return kinematics.jacobian(vector("joints", joints, 7), self._tool_on_flange())
 
     @checks_flags
     def get_links_transforms(self, joints: Numbers, use_rigid_transforms: bool = False) -> np.ndarray | list[RigidTransform]:
@@ -1200,7 +1197,7 @@ class FrankaArm:
         last three with the hand's axes, so that the last one agrees with `get_pose`.
         """
         links = poses.of_links if use_rigid_transforms else poses.link_matrices
-        return links(vector("joints", joints, 7), self._tool_delta_pose.matrix)
+        return links(vector("joints", joints, 7), self._tool_base_on_flange(), self._tool_delta_pose.matrix)
 
     # --- boxes ---------------------------------------------------------------------------------------------------
 
@@ -1264,8 +1261,11 @@ class FrankaArm:
         return time.time()
 
     def log_info(self, msg: str) -> None:
-        """Write a line into the log of frankapy."""
-        logger.info(msg)
+        """Write a line into the log of frankapy, or where that shows none of its kind to the terminal."""
+        if logger.isEnabledFor(logging.INFO):
+            logger.info(msg)
+        else:
+            print(f"[INFO] {msg}", flush=True)
 
     # --- inside --------------------------------------------------------------------------------------------------
 
@@ -1300,20 +1300,36 @@ class FrankaArm:
     def _rest_range(self) -> tuple[np.ndarray, np.ndarray]:
         return reach.rest_range(None if self._connection is None else self._connection.welcome.limits)
 
+    def _tool_base_on_flange(self) -> np.ndarray:
+        """Return the end-effector frame that the robot has, (4, 4): F_T_EE; offline that of the Franka hand.
+
+        It is asked for once of each connection: who changes it in Desk ends that.
+        """
+        if self._connection is None:
+            return reach.offline_tool()
+        welcome, tool = self._tool_base
+        if welcome is not self._connection.welcome:
+            tool = np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T
+            self._tool_base = self._connection.welcome, tool
+        return tool
+
+    def _tool_on_flange(self) -> np.ndarray:
+        return self._tool_base_on_flange() @ self._tool_delta_pose.matrix
+
     def _start_of_next(self) -> np.ndarray:
         """Return the end-effector frame in the base where the next motion begins: (4, 4); in a sequence where the one before ends."""
         started = self._motions.before_next()
         if started is None:
             return self.get_pose(include_tool_offset=False).matrix
         if started.goal_q:
-            return poses.tool_frames(np.array(started.goal_q), self._tool_delta_pose.matrix)[1]
+            return poses.tool_frames(np.array(started.goal_q), self._tool_base_on_flange(), np.eye(4))[1]
         return np.reshape(started.goal_O_T_EE, (4, 4)).T
 
     def _check_walls(self, what: str, **points: np.ndarray) -> None:
         collision_boxes.check(FC.WORKSPACE_WALLS, what, **points)
 
     def _check_walls_at(self, what: str, joints: np.ndarray) -> None:
-        tool = poses.tool_frames(joints, self._tool_delta_pose.matrix)[-1]
+        tool = poses.tool_frames(joints, self._tool_base_on_flange(), self._tool_delta_pose.matrix)[-1]
         self._check_walls(what, arm=collision_boxes.corners_at(joints), tool=tool[None, :3, 3])
 
     @property

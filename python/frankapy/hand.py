@@ -80,6 +80,7 @@ class Hand:
         if self._connection is None:
             logger.warning("The gripper stays: this FrankaArm is offline.")
             return
+        interrupts.watch()
         interruptions = interrupts.count()
         try:
             call = self._last = self._server.start(proto.Request(gripper=command))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -281,7 +281,9 @@ def _set(message: Message, field: FieldDescriptor, value: Any) -> None:
             raise FrankaArmArgumentError(f"{name} is {given}: expected {words}, such as BackOff(0.01), or nothing")
         getattr(message, field.name).Pack(value)
     elif holds_parts(field):
-        for part in value:
+        if not isinstance(value, (Message, Iterable)):
+            raise FrankaArmArgumentError(f"{name} is {value!r}: expected parts")
+        for part in [value] if isinstance(value, Message) else value:
             getattr(message, field.name).add().Pack(_part(name, part))
     elif is_repeated(field):
         if field.name == "axis" and isinstance(value, str):

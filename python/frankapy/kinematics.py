@@ -57,12 +57,12 @@ def turned_about_z(matrix: np.ndarray, angle: float) -> np.ndarray:
 
 
 def jacobian(joints: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Return the geometric Jacobian in base axes of a point fixed to the hand; (6, 7), linear over angular.
+    """Return the geometric Jacobian in base axes of the origin of a frame fixed to the flange; (6, 7), linear over angular.
 
-    `tool`: the point in the frame of the hand's tool centre, m, (3,).
+    `tool`: that frame on the flange, (4, 4).
     """
     frames = link_frames(joints)
-    point = (turned_about_z(frames[9], HAND_YAW) @ np.append(tool, 1.0))[:3]
+    point = (frames[8] @ tool[:, 3])[:3]
     axes = frames[1:8, :3, 2]
     return np.vstack([np.cross(axes, point - frames[1:8, :3, 3]).T, axes.T])
 

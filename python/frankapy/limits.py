@@ -101,6 +101,8 @@ class Limits:
         >>> fa.limits.reset()
     """
 
+    __slots__ = ("_change", "_robot", "_welcome")  # a name that is misspelt reduces nothing
+
     velocity = _bound("velocity", "Of joints and poses, a share of the robot's own, 0.01 to 1.")
     acceleration = _bound("acceleration", "The same.")
     jerk = _bound("jerk", "The same.")

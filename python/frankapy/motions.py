@@ -16,8 +16,8 @@ from frankapy.channel import Call, advised, answered
 from frankapy.connection import Connection
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
 from frankapy.progress import progress
-from frankapy.skill import any_of
-from frankapy.validation import number, validate
+from frankapy.skill import any_of, check_part
+from frankapy.validation import number
 
 logger = logging.getLogger("frankapy")
 
@@ -100,6 +100,7 @@ class Motions:
         if self._connection is None:
             logger.warning("%s is not made: this FrankaArm is offline.", skill.description or "The skill")
             return None
+        interrupts.watch()
         interruptions = interrupts.count()
         try:
             with self._starting:
@@ -117,7 +118,9 @@ class Motions:
         sequence = self.sequence
         if sequence is not None and preempt:
             raise FrankaArmArgumentError("preempt=True is not for motions of a sequence, which wait for each other.")
-        if sequence is None and not preempt and not self.is_done():
+        # What has ended is told of first; in a sequence none that failed cancels what comes behind it.
+        is_done = self.is_done() if sequence is None or not sequence.motions else True
+        if not is_done and sequence is None and not preempt:
             raise FrankaArmArgumentError(
                 "Cannot send another command when the previous skill is active! fa.wait_for_skill() waits for its end, "
                 "fa.stop_skill() stops it, fa.run(..., preempt=True) takes over from it"
@@ -153,13 +156,13 @@ class Motions:
             raise FrankaArmException("No skill of this client runs: there is nothing to change.")
         change = proto.ChangeSkill(skill_id=motion.id)
         if trajectory is not None:
-            validate(trajectory)
+            check_part("trajectory", trajectory)
             change.trajectory.Pack(trajectory)
         if controller is not None:
-            validate(controller)
+            check_part("controller", controller)
             change.controller.Pack(controller)
         for termination in any_of(until):
-            validate(termination)
+            check_part("until", termination)
             change.terminations.add().Pack(termination)
         self._server.ask(proto.Request(change_skill=change))
 

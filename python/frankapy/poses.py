@@ -41,27 +41,28 @@ def quaternion(matrix: np.ndarray) -> np.ndarray:
     return RigidTransform(matrix[:3, :3], np.zeros(3)).quaternion
 
 
-def tool_frames(joints: np.ndarray, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def tool_frames(joints: np.ndarray, on_flange: np.ndarray, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the frames of kinematics.link_frames at `joints` (rad, (7,)), and those of tool base and tool as get_pose has them.
 
-    `tool`: its pose on the tool base, (4, 4).
+    `on_flange`: pose of the tool base there (F_T_EE), (4, 4); `tool`: that of the tool on the tool base, (4, 4).
     """
     frames = kinematics.link_frames(joints)
-    base = kinematics.turned_about_z(frames[9], kinematics.HAND_YAW)
+    base = frames[8] @ on_flange
     return frames, base, base @ tool
 
 
-def of_links(joints: np.ndarray, tool: np.ndarray) -> list[RigidTransform]:
+def of_links(joints: np.ndarray, on_flange: np.ndarray, tool: np.ndarray) -> list[RigidTransform]:
     """Return panda_link1 to panda_link8, panda_hand, franka_tool_base, franka_tool, the last three with the hand's axes."""
-    frames, base, moved = tool_frames(joints, tool)
+    frames, base, moved = tool_frames(joints, on_flange, tool)
     hand = kinematics.turned_about_z(frames[8], kinematics.HAND_YAW)
     return [in_world(matrix, name) for matrix, name in zip([*frames[1:9], hand, base, moved], _LINKS, strict=True)]
 
 
-def link_matrices(joints: np.ndarray, tool: np.ndarray) -> np.ndarray:
-    """Return base, joints 1 to 7, flange, twice the tool base, tool, (12, 4, 4); all from the flange on with its axes."""
-    frames, _, moved = tool_frames(joints, tool)
-    return np.concatenate([frames, frames[9:], kinematics.turned_about_z(moved, -kinematics.HAND_YAW)[None]])
+def link_matrices(joints: np.ndarray, on_flange: np.ndarray, tool: np.ndarray) -> np.ndarray:
+    """Return base, joints 1 to 7, flange, twice the tool base, tool, (12, 4, 4); the last three turned back as a hand is turned."""
+    frames, base, moved = tool_frames(joints, on_flange, tool)
+    turned_back = [kinematics.turned_about_z(matrix, -kinematics.HAND_YAW) for matrix in (base, base, moved)]
+    return np.concatenate([frames[:9], turned_back])
 
 
 def of_fingers(tool: np.ndarray, width: float) -> tuple[RigidTransform, RigidTransform]:

@@ -320,6 +320,8 @@ class Recording:
         span = slice(moving[0], moving[-1] + 1)
         # By the robot's clock, which goes on by 1 ms a state.
         clock = states["message_id"][span].astype(float) * 1e-3
+        if np.any(np.diff(clock) <= 0):
+            raise FrankaArmArgumentError(f"{self.path.name}: the robot was started anew in it, between motions: they are not one")
         steady = np.arange(clock[0], clock[-1] + 5e-4, 1e-3)
         reference = states.get("q_ref")
         if reference is not None and np.isfinite(reference[span]).all():

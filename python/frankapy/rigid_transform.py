@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from frankapy.exceptions import FrankaArmArgumentError
+from frankapy.validation import array
 
 _ORTHONORMAL_TOLERANCE = 1e-3
 
@@ -47,7 +48,7 @@ class RigidTransform:
 
     @rotation.setter
     def rotation(self, rotation: Any) -> None:
-        rotation = np.array(rotation, dtype=float)
+        rotation = array("rotation", rotation)
         if rotation.shape == (4,):
             rotation = self.rotation_from_quaternion(rotation)
         if rotation.shape != (3, 3):
@@ -64,7 +65,7 @@ class RigidTransform:
 
     @translation.setter
     def translation(self, translation: Any) -> None:
-        translation = np.array(translation, dtype=float)
+        translation = array("translation", translation)
         if translation.size != 3:
             raise FrankaArmArgumentError(f"translation has the shape {translation.shape}: expected (3,)")
         self._translation = translation.reshape(3)

@@ -28,6 +28,13 @@ def any_of(until: Message | Sequence[Message]) -> list[Message]:
     return terminations
 
 
+def check_part(role: str, part: Any) -> None:
+    """Raise FrankaArmArgumentError for what is no part of a skill, or one that breaks a rule."""
+    if not isinstance(part, Message):
+        raise FrankaArmArgumentError(f"{role} is {part!r}: expected a part of a skill, such as those of frankapy.parts")
+    validate(part)
+
+
 def _unpacked(part: Any) -> Message:
     try:
         kind = descriptor_pool.Default().FindMessageTypeByName(part.TypeName())
@@ -54,8 +61,7 @@ def make_skill(
     Raises FrankaArmArgumentError which names the field that breaks its rule, or what does not fit and what would.
     """
     for role, part in [("trajectory", trajectory), ("controller", controller), *(("until", end) for end in terminations)]:
-        if not isinstance(part, Message):
-            raise FrankaArmArgumentError(f"{role} is {part!r}: expected a part of a skill, such as those of frankapy.parts")
+        check_part(role, part)
     names = proto.RobotController.keys()
     if not isinstance(robot_controller, str) or robot_controller.upper() not in names:
         raise FrankaArmArgumentError(
@@ -77,11 +83,8 @@ def make_skill(
             raise FrankaArmArgumentError(f"publishers[{topic!r}] is {keys!r}: expected names of keys, such as ['anna']")
         skill.publishers.add(topic=text("topic", topic, 256), names=[text("name", name, 100) for name in keys])
     validate(skill)
-    validate(trajectory)
     skill.trajectory.Pack(trajectory)
-    validate(controller)
     skill.controller.Pack(controller)
     for termination in terminations:
-        validate(termination)
         skill.terminations.add().Pack(termination)
     return skill

@@ -168,7 +168,7 @@ class StateReader:
 def _zeros() -> proto.ArmState:
     zeros, identity = [0.0] * 7, np.eye(4).flatten()
     robot = proto.RobotState(
-        O_T_EE=identity, O_T_EE_d=identity, q=zeros, q_d=zeros, dq=zeros, tau_J=zeros, dtau_J=zeros,
+        O_T_EE=identity, O_T_EE_d=identity, F_T_EE=identity, q=zeros, q_d=zeros, dq=zeros, tau_J=zeros, dtau_J=zeros,
         O_F_ext_hat_K=zeros[:6], O_dP_EE_c=zeros[:6],
     )  # fmt: skip
     return proto.ArmState(robot=robot, gripper=proto.GripperState(width=0, is_grasped=False))
@@ -209,7 +209,7 @@ def as_dictionary(state: proto.ArmState) -> RobotState:
     if robot.motion_generator_mode in _CARTESIAN_MODES:
         twist = np.array(robot.O_dP_EE_c)
     else:  # the robot is commanded none
-        twist = kinematics.jacobian(np.array(robot.q), np.zeros(3)) @ np.array(robot.dq)
+        twist = kinematics.jacobian(np.array(robot.q), np.reshape(robot.F_T_EE, (4, 4)).T) @ np.array(robot.dq)
     values: dict[str, Any] = {
         "cartesian_velocities": twist,
         "pose": franka_pose_to_rigid_transform(robot.O_T_EE),

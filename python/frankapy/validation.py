@@ -120,24 +120,30 @@ def table(name: str, value: Any, columns: int) -> Floats:
     return array
 
 
+def array(name: str, value: Any) -> Floats:
+    """Return `value`, of any shape, as a new float64 array, which need not be finite. Raises FrankaArmArgumentError for what is none."""
+    values = _array(value)
+    if values is None:
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected numbers")
+    return values
+
+
 def numbers(name: str, value: Any) -> Floats:
     """Return `value`, of any shape, as a new flat float64 array.
 
     Raises FrankaArmArgumentError when an element is no finite number.
     """
-    array = _array(value)
-    if array is None:
-        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected numbers")
-    return vector(name, array.ravel(), array.size)
+    values = array(name, value)
+    return vector(name, values.ravel(), values.size)
 
 
 def _array(value: Any) -> Floats | None:
-    """Return real numbers as a new float64 array; None for what is none: texts, complex numbers, what a mask hides."""
+    """Return real numbers as a new float64 array; None for what is none: texts, complex numbers, None, what a mask hides."""
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "biufO" or np.ma.is_masked(value):
             return None
-        if array.dtype.kind == "O" and any(isinstance(element, (str, bytes)) for element in array.flat):
+        if array.dtype.kind == "O" and any(isinstance(element, (str, bytes, type(None))) for element in array.flat):
             return None
         return np.array(array, dtype=float)
     except (TypeError, ValueError, OverflowError, RuntimeError):

@@ -26,6 +26,7 @@ class ScriptedServer:
         self.forgets_clients = False
         self.refusals: list[proto.Error] = []  # one for each of the next StartSkill
         self.phase = proto.READY
+        self.tool = (0.0, 0.0, 0.1034)  # on the flange, m
         self.requests: list[tuple[float, proto.Request]] = []
         self._context = zmq.Context()
         self._router = self._context.socket(zmq.ROUTER)
@@ -90,7 +91,8 @@ class ScriptedServer:
             error = proto.Error(code=proto.Error.UNKNOWN_CLIENT, message="say Hello first")
             self._send(identity, number, error=error)
         elif kind == "get_state":
-            robot = proto.RobotState(q=HOME, O_T_EE=[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3, 0, 0.5, 1])
+            place = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]
+            robot = proto.RobotState(q=HOME, O_T_EE=[*place, 0.3, 0, 0.5, 1], F_T_EE=[*place, *self.tool, 1])
             self._send(identity, number, state=proto.ArmState(phase=self.phase, robot=robot, not_taken=self.not_taken))
         elif kind == "get_server_status":
             self._send(identity, number, server_status=proto.ServerStatus(commander="somebody"))

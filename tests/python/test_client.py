@@ -34,7 +34,7 @@ from frankapy import (
 )
 from frankapy.franka_interface_common_definitions import SensorDataMessageType
 from frankapy.sim import free_address
-from frankapy.states import StateStream
+from frankapy.states import StateStream, as_dictionary
 
 
 @pytest.fixture
@@ -262,7 +262,7 @@ def test_a_server_that_forgot_this_client_is_greeted_again(server, arm):
 def test_a_motion_without_an_answer_is_not_sent_twice(server, arm, impatient):
     server.silent = True
     with pytest.raises(FrankaArmCommException):
-        arm.goto_joints(HOME, 1)
+        arm.goto_joints(HOME, 1, ignore_virtual_walls=True)
     wait_until(lambda: server.calls("start_skill"))
     assert len(server.calls("start_skill")) == 1
 
@@ -381,6 +381,21 @@ except SystemExit:
     print('left', flush=True)
     raise
 """
+IN_A_LOOP = """
+import asyncio, sys
+from frankapy import FrankaArm, channel
+channel.SILENCE = 60
+async def main():
+    arm = FrankaArm(server=sys.argv[1])
+    {first}
+    arm.{call}
+    print('returned', flush=True)
+    await asyncio.sleep(60)
+try:
+    asyncio.run(main())
+except KeyboardInterrupt:
+    print('interrupted', flush=True)
+"""
 SIGNALS = [(signal.SIGINT, "interrupted", 0), (signal.SIGHUP, "left", 128 + signal.SIGHUP)]
 
 
@@ -389,8 +404,8 @@ def script(server):
     """Give a function which starts a script that makes one call of an arm."""
     children = []
 
-    def start(call, first=""):
-        command = [sys.executable, "-c", INTERRUPTED.format(call=call, first=first), server.address]
+    def start(call, first="", program=INTERRUPTED):
+        command = [sys.executable, "-c", program.format(call=call, first=first), server.address]
         children.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         return children[-1]
 
@@ -436,10 +451,33 @@ def test_a_signal_stops_a_skill_that_has_not_been_confirmed_yet(server, script, 
     assert child.returncode == status
 
 
+@pytest.mark.parametrize("block", [True, False])
+def test_ctrl_c_stops_the_skill_of_a_coroutine(server, script, block):
+    server.skill_time = 60
+    child = script(f"goto_joints({HOME}, 1, block={block})", program=IN_A_LOOP)
+    wait_until_sent(child, server, "start_skill", block)
+    child.send_signal(signal.SIGINT)
+    output, _ = child.communicate(timeout=300)
+    assert "interrupted" in output
+    assert server.calls("stop_skill")
+
+
+def test_ctrl_c_stops_the_skill_of_a_notebook(server, script):
+    server.skill_time = 60
+    # Each of its cells begins so.
+    child = script(f"goto_joints({HOME}, 1, block=False)", first="signal.signal(signal.SIGINT, signal.default_int_handler)")
+    wait_until_sent(child, server, "start_skill", block=False)
+    child.send_signal(signal.SIGINT)
+    output, _ = child.communicate(timeout=300)
+    assert "interrupted" in output
+    assert server.calls("stop_skill")
+
+
 def test_a_handler_of_the_scripts_own_stops_a_skill_that_has_not_been_confirmed_yet(server, script):
     server.skill_time = 60
     server.withholds = {"skill_started"}
-    child = script(f"goto_joints({HOME}, 1)", first="signal.signal(signal.SIGINT, signal.default_int_handler)")
+    own = "def own(*_): raise KeyboardInterrupt\nsignal.signal(signal.SIGINT, own)"
+    child = script(f"goto_joints({HOME}, 1)", first=own)
     wait_until(lambda: server.calls("start_skill"))
     child.send_signal(signal.SIGINT)
     wait_until(lambda: server.calls("stop_skill"))
@@ -767,6 +805,53 @@ def test_a_handler_of_the_script_stays(server):
             assert signal.getsignal(signal.SIGINT) is handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_sequence_does_not_wait_for_what_failed_before_it(server, arm, caplog):
+    server.result = {"ending": proto.CANCELLED}
+    arm.goto_joints(HOME, 1, block=False)
+    wait_until(lambda: server._results)
+    server.result = {"ending": proto.TERMINATED}
+    with arm.sequence():
+        arm.goto_joints(HOME, 1)
+    assert [request.start_skill.after for request in server.calls("start_skill")] == [0, 0]
+    assert "CANCELLED" in caplog.text
+
+
+@pytest.mark.parametrize("tool", [(0, 0, 0), (0.02, -0.01, 0.2)])
+def test_its_own_kinematics_are_of_the_tool_that_the_robot_has(server, arm, tool):
+    server.tool = tool
+
+    def place(q):
+        return arm.get_links_transforms(q, use_rigid_transforms=True)[-1].translation
+
+    numeric = np.transpose([(place(HOME + e) - place(HOME - e)) / 2e-6 for e in 1e-6 * np.eye(7)])
+    np.testing.assert_allclose(arm.get_jacobian(HOME)[:3], numeric, atol=1e-6)
+    flange = arm.get_links_transforms(HOME)[8]
+    np.testing.assert_allclose(np.linalg.inv(flange) @ [*place(HOME), 1], [*tool, 1], atol=1e-9)
+    state = proto.ArmState(robot=arm.get_arm_state().robot)
+    state.robot.dq.extend([0.1] * 7)
+    state.robot.O_T_EE_d.extend(state.robot.O_T_EE)
+    np.testing.assert_allclose(as_dictionary(state)["cartesian_velocities"][:3], numeric @ np.full(7, 0.1), atol=1e-6)
+
+
+def test_parts_that_are_none_are_refused_in_a_change_too(server, arm):
+    server.skill_time = 60
+    arm.goto_joints(HOME, 1, block=False)
+    for change in (dict(trajectory=7), dict(controller="stiff"), dict(until=[5])):
+        with pytest.raises(FrankaArmArgumentError, match="expected a part of a skill"):
+            arm.change(**change)
+    arm.stop_skill()
+
+
+def test_a_limit_that_is_misspelt_is_refused(arm):
+    with pytest.raises(AttributeError, match="max_velocity"):
+        arm.limits.max_velocity = 0.1
+
+
+def test_a_line_for_people_is_seen(capsys):
+    FrankaArm(offline=True).log_info("put the block down")
+    assert "put the block down" in capsys.readouterr().out
 
 
 def test_an_offline_arm_checks_and_moves_nothing(caplog):

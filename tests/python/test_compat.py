@@ -33,6 +33,7 @@ from frankapy.ros_messages import RobotState, SensorData, SensorDataGroup
 from frankapy.ros_utils import BoxesPublisher
 from frankapy.sim import SimulatedArm, Simulation
 from frankapy.utils import convert_array_to_rigid_transform
+from frankapy.walls import from_boxes
 
 METHODS = """
     apply_effector_forces_along_axis apply_effector_forces_torques apply_joint_torques check_box_collision close_gripper
@@ -317,6 +318,8 @@ def test_the_arm_as_boxes():
     assert not fa.check_box_collision(np.array([*tool - [0, 0, 0.3], 0, 0, 0, 0.1, 0.1, 0.1]), HOME)
     assert not fa.is_joints_in_collision_with_boxes(HOME)
     assert fa.is_joints_in_collision_with_boxes(HOME, boxes=[[*tool, 0, 0, 0.7, 0.1, 0.1, 0.2]])
+    for none in ([], np.empty((0, 9))):
+        assert not fa.is_joints_in_collision_with_boxes(HOME, boxes=none) and not from_boxes(none)
     assert fa.is_joints_in_collision_with_boxes([-0.16, 1.12, 0.26, -0.67, 0.05, 2.08, 0.82])  # behind the front wall
     with pytest.raises(FrankaArmArgumentError, match="box has 3 elements: expected 9"):
         fa.check_box_collision([1, 2, 3], HOME)

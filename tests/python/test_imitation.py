@@ -98,6 +98,7 @@ def test_smoothing_takes_the_tremor_and_leaves_the_motion():
         (lambda: dmp.fit(bow(), "joint").part(goal=[1, 2]), "goal has 2 elements: expected 7"),
         (lambda: dmp.fit(bow(), "joint").part(sensor_values=[1, 2]), r"sensor_values has the shape \(2,\): expected \(1,\)"),
         (lambda: dmp.fit(bow(), "joint").orientations(), "it has no orientation"),
+        (lambda: dmp.fit(bow(), "joint").part(goal_orientation=[1, 0, 0, 0]), "goal_orientation is for a primitive of a pose"),
         (lambda: dmp.fit(turn(np.radians(200)), "pose"), "turns by 200 degrees from its goal: expected at most 180"),
         (lambda: dmp.fit(bow()).part(goal=HOME, sensor_values=[0]), "a goal cannot be reached with them"),
         (lambda: dmp.fit([bow(), bow()], sensor_values=[1, 1]), r"has the shape \(2,\): expected \(2, sensors\)"),
@@ -116,12 +117,23 @@ class Evil:
         return print, ("run",)
 
 
+def test_of_states_with_a_gap_the_longest_part_is_kept(caplog):
+    times = np.r_[np.arange(100), np.arange(700, 1000), np.arange(2000, 2050)] * 1e-3
+    joints = np.outer(np.linspace(0, 0.1, len(times)), np.ones(7))
+    kept = Demonstration.of_states(times, joints, np.tile(np.eye(4).ravel(), (len(times), 1)))
+    assert kept.duration == pytest.approx(0.299)
+    assert "of 3 parts the longest is kept" in caplog.text
+
+
 def test_files_are_read_back_and_pickles_run_nothing(tmp_path, capsys):
     demonstration = turn(1.0)
     demonstration.save(tmp_path / "a.npz")
     again = Demonstration.load(tmp_path / "a.npz")
     np.testing.assert_array_equal(again.positions, demonstration.positions)
     assert again.joints is None
+    for name in ("b", "b.pkl", "b.mcap", "b.NPZ"):
+        demonstration.save(tmp_path / name)
+        assert len(Demonstration.load(tmp_path / name)) == len(demonstration)
     poses = [RigidTransform(RigidTransform.x_axis_rotation(0.001 * i), [0, 0, 0.001 * i], "franka_tool", "world") for i in range(50)]
     (tmp_path / "poses.pkl").write_bytes(pickle.dumps(poses))
     of_poses = Demonstration.load(tmp_path / "poses.pkl")
@@ -528,6 +540,9 @@ def test_what_cannot_be_written_is_told_by_name(tmp_path, capsys):
     for command in (["segment", str(tmp_path / "one.npz"), "-o"], ["learn", str(tmp_path / "one.npz"), "-o"]):
         assert cli.main([*command, str(missing)]) == 1
         assert "there is no folder" in capsys.readouterr().err
+    learn = ["learn", str(tmp_path / "one.npz"), "-o", str(tmp_path / "two.npz"), "--plot", str(tmp_path / "two.xyz")]
+    assert cli.main(learn) == 1
+    assert "two.xyz: expected a name that ends in .png, .pdf or .svg" in capsys.readouterr().err
     with pytest.raises(FrankaArmArgumentError, match="learned.npz cannot be written: No such file"):
         bow().save(missing)
     with pytest.raises(FrankaArmArgumentError, match="is a folder"):

@@ -119,6 +119,15 @@ def test_times_of_other_computers_are_the_servers(tmp_path, capsys):
     assert np.all(recording.states["time"] >= recording.measured - 1e-9)
 
 
+def test_motions_before_and_after_a_restart_of_the_robot_are_not_one(recorded):
+    recording = Recording(recorded[1].path)
+    assert len(recording.motion()) > 1000
+    clock = recording.states["message_id"]
+    clock[len(clock) // 2 :] -= clock[len(clock) // 2] - clock[0]
+    with pytest.raises(FrankaArmArgumentError, match="started anew"):
+        recording.motion()
+
+
 def test_it_is_told_and_drawn(recorded, tmp_path, capsys):
     _, recording = recorded
     assert cli.main(["info", str(recording.path)]) == 0
@@ -267,7 +276,7 @@ def test_what_cannot_be_written_is_said(recorded, tmp_path, capsys):
     for command, *to in (["export", "a.csv"], ["export", "a.parquet"], ["plot", "--save", "a.png"]):
         to[-1] = str(tmp_path / "no" / to[-1])
         assert cli.main([command, str(recording.path), *to]) == 1
-        assert f"{to[-1]} cannot be written: No such file or directory" in capsys.readouterr().err
+        assert f"{to[-1]} cannot be written: " in capsys.readouterr().err
 
 
 def test_garbage_is_no_message():
