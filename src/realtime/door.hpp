@@ -52,6 +52,7 @@ struct Record {
 struct RecoveryResult {
   bool recovered = false;  // or there was nothing to recover from
   bool accepted = false;   // the robot took it; if not recovered, it was not idle in time
+  bool unseen = false;     // it was not asked: the error came after what whoever asks had seen
   fci::Status status = fci::Status::kSuccess;            // the robot's answer; kFailed: it gave none in time
   fci::RobotMode robot_mode = fci::RobotMode::kOther;    // afterwards
   std::optional<std::uint64_t> record = {};  // number in Door::records of the cycle that knows it; none of a lost connection
@@ -71,7 +72,9 @@ struct Door {
   bridge::Slot<Bounds> bounds;  // likewise
   std::atomic<std::uint64_t> stop_up_to{0};  // skills with this id or a smaller one brake and end; then the
                                              // loop holds. Of one that is not yet taken nothing is run
-  std::atomic<bool> recover{false};  // ask the robot for automatic error recovery; answered in `recoveries`
+  // The cycle that whoever asks the robot for automatic error recovery has seen; 0: nobody does. Answered in `recoveries`: from an
+  // error that came later nobody has asked to recover.
+  std::atomic<std::uint64_t> recover{0};
   std::atomic<bool> quit{false};     // brake, finish, return
 
   std::atomic<std::uint64_t> robot_time{0};  // message_id of the newest state, ms

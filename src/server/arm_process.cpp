@@ -68,6 +68,17 @@ class JournalSink : public spdlog::sinks::base_sink<std::mutex> {
   Journal& journal_;
 };
 
+// While there is one, begun and ended where there are no other threads, the log goes into the journal too.
+class JournalLogged {
+ public:
+  explicit JournalLogged(Journal& journal) { sinks().push_back(std::make_shared<JournalSink>(journal)); }
+  ~JournalLogged() { sinks().pop_back(); }
+  JournalLogged(const JournalLogged&) = delete;
+
+ private:
+  static std::vector<spdlog::sink_ptr>& sinks() { return spdlog::default_logger()->sinks(); }
+};
+
 class ArmProcess {
  public:
   ArmProcess(const ArmConfig& config, const RecordingsConfig& recordings, const ArmOptions& options, BlackBox& box)
@@ -322,14 +333,12 @@ int run_arm(const ArmConfig& config, const RecordingsConfig& recordings, const A
     if (options.status_fd >= 0) use(map_part_record(ArmOptions::kRecordFd));
     part_record().describe(titles_of_kinds());
     BlackBox box = options.status_fd >= 0 ? BlackBox::in(ArmOptions::kBlackBoxFd) : BlackBox();
-    auto& sinks = spdlog::default_logger()->sinks();  // before there are other threads, and after
-    sinks.push_back(std::make_shared<JournalSink>(box.journal));
+    const JournalLogged logged(box.journal);
     auto process = std::make_unique<ArmProcess>(config, recordings, options, box);
     const int status = process->run();
     const bool alone = process->alone();
     process.reset();
     if (alone) forget_black_box(ArmOptions::kBlackBoxFd);  // all is written
-    sinks.pop_back();
     return status;
   } catch (const std::exception& error) {
     spdlog::critical("{}", error.what());

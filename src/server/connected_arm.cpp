@@ -39,6 +39,11 @@ ConnectedArm::Connection ConnectedArm::require() const {
   return connection;
 }
 
+bool ConnectedArm::is(const Connection& connection) const {
+  const std::lock_guard lock(mutex_);
+  return connection_.builder == connection.builder;
+}
+
 std::optional<std::string> ConnectedArm::lost() const {
   const std::lock_guard lock(mutex_);
   return disconnected_ ? std::optional(connection_.why_not) : std::nullopt;

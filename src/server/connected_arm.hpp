@@ -41,6 +41,8 @@ class ConnectedArm {
 
   // Throws Refused where there is none.
   Connection require() const;
+  // Whether that is still the one.
+  bool is(const Connection& connection) const;
   // Why, where it was lost and settle() has not been called since.
   std::optional<std::string> lost() const;
   // Nothing is left of what was connected.

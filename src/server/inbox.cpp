@@ -12,6 +12,7 @@ namespace proto = frankapy::proto;
 
 constexpr std::size_t kMostWaiting = 1024;                 // requests; further ones are refused
 constexpr std::size_t kMostWaitingBytes = 64 << 20;        // likewise
+constexpr int kMostGarbage = 64;                           // messages in a row, and others have their turn
 constexpr std::size_t kShort = 16 << 10;                   // bytes of a request that is read at once
 
 // What is urgent is found without reading the rest, which may be megabytes.
@@ -46,7 +47,7 @@ Head head_of(const zmq::message_t& frame) {
 bool Arrived::is_short() const { return frame.size() <= kShort; }
 
 std::optional<Arrived> Inbox::receive() {
-  for (;;) {
+  for (int n = 0; n < kMostGarbage; ++n) {
     zmq::message_t identity, frame;
     if (!socket_.recv(identity, zmq::recv_flags::dontwait)) return std::nullopt;
     int frames = 0;
@@ -64,6 +65,7 @@ std::optional<Arrived> Inbox::receive() {
     }
     count_garbage(fmt::format("a message of {} frames (expected one)", frames));
   }
+  return std::nullopt;
 }
 
 bool Inbox::put(Arrived& arrived) {

@@ -4,6 +4,7 @@
 #include <google/protobuf/util/json_util.h>
 #include <spdlog/spdlog.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -40,11 +41,24 @@ void read(const std::filesystem::path& path, mode_t forbidden, google::protobuf:
                                   "new`) where somebody may have done so",
                                   path.string(), status.st_mode & 0777));
   }
+  if (status.st_uid != 0 && status.st_uid != geteuid()) {
+    throw ConfigError(fmt::format("{}: belongs to another user (number {}): expected this one, or root", path.string(), status.st_uid));
+  }
   std::ifstream file(path);
   const std::string text(std::istreambuf_iterator<char>(file), {});
   if (!file || !google::protobuf::util::JsonStringToMessage(text, &message).ok()) {
     throw ConfigError(fmt::format("{}: cannot be read as a {}: expected a file that `frankapy keys` has written", path.string(),
                                   message.GetTypeName()));
+  }
+}
+
+// Or others could put their files in the place of its own.
+void require_own(const std::filesystem::path& folder) {
+  struct stat status {};
+  if (stat(folder.c_str(), &status) == 0 && (status.st_mode & (S_IWGRP | S_IWOTH)) != 0) {
+    throw ConfigError(fmt::format("{}: others can write into it (mode {:03o}): `chmod 700` it, and look who its clients are (`frankapy "
+                                  "keys list`)",
+                                  folder.string(), status.st_mode & 0777));
   }
 }
 
@@ -63,6 +77,7 @@ bool is_this_computer(const std::string& listen) {
 }  // namespace
 
 Keys::Keys(std::filesystem::path folder) : folder_(std::move(folder)) {
+  require_own(folder_);
   const auto file = folder_ / kOwnFile;
   read(file, S_IRWXG | S_IRWXO, own_);
   std::array<char, kKeySize + 1> derived{};

@@ -39,7 +39,7 @@ void Skills::move_back(const realtime::Vector7& q, std::function<void(const std:
         },
         [this, build, why_not, done] {
           if (!build->skill) return done(*why_not);
-          if (arm_.lost()) return done("the connection to the robot was lost");
+          if (!arm_.is(build->connection)) return done("the connection to the robot was lost");
           begin_own(*build, done);
         });
   } catch (const Refused& refused) {

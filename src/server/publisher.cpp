@@ -77,6 +77,12 @@ void Publisher::take_subscriptions() {
   zmq::message_t message;
   while (socket_.recv(message, zmq::recv_flags::dontwait)) {
     if (message.size() == 0) continue;
+    const int fd = zmq_msg_get(message.handle(), ZMQ_SRCFD);
+    if (*message.data<std::uint8_t>() > 1) {  // what is no subscription would never end
+      hang_up(fd, endpoint_);
+      refuse(message.to_string());
+      continue;
+    }
     std::string text(message.data<char>() + 1, message.size() - 1);
     if (text.ends_with('\0')) text.pop_back();
     const auto known = topics_.find(text);
@@ -91,7 +97,7 @@ void Publisher::take_subscriptions() {
       if (unserved_.size() < kMostUnserved) {
         unserved_.insert(text);
       } else {
-        hang_up(zmq_msg_get(message.handle(), ZMQ_SRCFD), endpoint_);
+        hang_up(fd, endpoint_);
       }
       refuse(text);
     }

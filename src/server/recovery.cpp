@@ -67,7 +67,11 @@ Recovery::Recovery(realtime::Door& door, const ConnectedArm& arm, const Recovery
 
 void Recovery::after_error(const realtime::SkillResult& result, const realtime::Record& record, const proto::RecoveryPolicy& policy,
                            Answer answer) {
-  never_ = policy.who() == Policy::NEVER;
+  // With the skill that ran one may end that had not begun, and has no say.
+  const bool same = result.record && result.record == failed_in_;
+  failed_in_ = result.record;
+  if (!same) failed_under_ = policy;
+  never_ = failed_under_.who() == Policy::NEVER;
   // The robot may have ended the motion, and take another.
   if (record.phase != realtime::Phase::kError && record.phase != realtime::Phase::kConnecting) {
     proto::Recovery out;
@@ -75,9 +79,9 @@ void Recovery::after_error(const realtime::SkillResult& result, const realtime::
     out.set_time(0);
     return answer(out);
   }
-  const Who who = who_may(cause_of(record), policy);
+  const Who who = who_may(cause_of(record), failed_under_);
   if (who != Policy::ITSELF || hand_on(record.state.robot_mode) != proto::NO_OBSTACLE) return answer(not_recovered(record, who));
-  start(std::move(answer), true, result.last_cycle_ns != 0 ? result.last_cycle_ns : now_ns());
+  start(std::move(answer), true, record, result.last_cycle_ns != 0 ? result.last_cycle_ns : now_ns());
 }
 
 void Recovery::after(realtime::Ending ending) {
@@ -94,17 +98,17 @@ void Recovery::ask(const proto::Recover& recover, const realtime::Record& now, A
     const bool may = by_itself ? who == Policy::ITSELF : who != Policy::NEVER;
     if (!may || hand_on(now.state.robot_mode) != proto::NO_OBSTACLE) return answer(not_recovered(now, who));
   }
-  start(std::move(answer), by_itself, now_ns());
+  start(std::move(answer), by_itself, now, now_ns());
 }
 
 void Recovery::stop() {
   if (!waiting_.empty()) stopped_ = true;
 }
 
-void Recovery::start(Answer answer, bool by_itself, std::int64_t begin_ns) {
+void Recovery::start(Answer answer, bool by_itself, const realtime::Record& seen, std::int64_t begin_ns) {
   if (waiting_.empty()) stopped_ = false;
   waiting_.push_back({std::move(answer), by_itself, begin_ns});
-  door_.recover.store(true);
+  door_.recover.store(std::max({door_.recover.load(), seen.cycles, std::uint64_t{1}}));
 }
 
 void Recovery::take_results() {
@@ -160,7 +164,7 @@ void Recovery::take_results() {
 }
 
 void Recovery::abandon(const std::string& why) {
-  door_.recover.store(false);
+  door_.recover.store(0);
   while (door_.recoveries.front() != nullptr) door_.recoveries.pop();
   proto::Recovery out;
   out.set_obstacle(proto::NOT_CONNECTED);
@@ -247,7 +251,7 @@ proto::Recovery Recovery::not_recovered(const realtime::Record& record, Who who)
 proto::Recovery Recovery::failed(const realtime::RecoveryResult& result, const realtime::Record& record,
                                  const Outside& outside) const {
   const Who who = record.phase == realtime::Phase::kError ? who_may(cause_of(record)) : Policy::ASK;
-  if (hand_on(result.robot_mode) != proto::NO_OBSTACLE) return not_recovered(record, who);
+  if (result.unseen || hand_on(result.robot_mode) != proto::NO_OBSTACLE) return not_recovered(record, who);
   proto::Recovery out;
   out.set_recovered(false);
   out.set_who(who);

@@ -64,7 +64,7 @@ class Recovery {
   frankapy::proto::Recovery failed(const realtime::RecoveryResult& result, const realtime::Record& record,
                                    const Outside& outside) const;
   std::optional<models::Limits> limits() const;
-  void start(Answer answer, bool by_itself, std::int64_t begin_ns);
+  void start(Answer answer, bool by_itself, const realtime::Record& seen, std::int64_t begin_ns);
   void finish(std::vector<Waiting> waiting, frankapy::proto::Recovery out);
 
   realtime::Door& door_;
@@ -74,6 +74,8 @@ class Recovery {
   std::vector<Waiting> waiting_;  // for the loop
   bool moving_back_ = false;
   bool never_ = false;     // says the skill that failed last
+  std::optional<std::uint64_t> failed_in_;  // its record
+  frankapy::proto::RecoveryPolicy failed_under_;
   bool stopped_ = false;   // while it recovered
   unsigned in_a_row_ = 0;  // by itself, without a skill between that has ended by itself
 };

@@ -25,6 +25,7 @@ constexpr std::size_t kMaxTopics = 256;
 constexpr std::size_t kMaxPublishers = 64;     // of one topic
 constexpr std::size_t kMaxKinds = 64;          // of one topic
 constexpr std::size_t kMaxTopicName = 256;     // bytes
+constexpr std::size_t kMaxKind = 256;          // bytes, of its name
 constexpr auto kWait = std::chrono::milliseconds(50);
 constexpr const char* kTermination = "ShouldTerminateSensorMessage";
 constexpr std::int64_t kTellLostPeriod = 1'000'000'000;    // ns
@@ -153,6 +154,9 @@ void SensorHub::take(const zmq::message_t& frame) {
   }
   if (message.topic().empty() || message.topic().size() > kMaxTopicName) {
     return count_garbage(fmt::format("a topic of {} bytes (expected 1 to {})", message.topic().size(), kMaxTopicName));
+  }
+  if (message.message().type_url().size() > kMaxKind) {
+    return count_garbage(fmt::format("a kind of {} bytes (expected at most {})", message.message().type_url().size(), kMaxKind));
   }
   const Keys::Client who = sender_of(frame, keys_);
   const std::lock_guard lock(mutex_);

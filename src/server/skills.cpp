@@ -297,6 +297,7 @@ void Skills::take_changes() {
     Changing changing = std::move(*changing_);
     changing_.reset();
     if (!change->done) {
+      sensors_.release(changing.skill, changing.listening.all());
       answers_.send_error(changing.from, proto::Error::NOT_READY,
                           fmt::format("skill {} has ended: it was not changed", changing.skill));
       continue;
@@ -447,7 +448,10 @@ void Skills::abandon(const std::string& why) {
   delete door_.next.take();
   delete door_.queued.take();
   delete door_.change.take();
-  if (changing_) answers_.send_error(changing_->from, proto::Error::NOT_READY, why);
+  if (changing_) {
+    sensors_.release(changing_->skill, changing_->listening.all());
+    answers_.send_error(changing_->from, proto::Error::NOT_READY, why);
+  }
   changing_.reset();
   while (!running_.empty()) {
     end({.skill_id = running_.begin()->first, .ending = realtime::Ending::kConnectionLost});

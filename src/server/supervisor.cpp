@@ -304,8 +304,9 @@ class Supervisor {
 
  private:
   void answer() {
+    constexpr int kAtOnce = 32;  // and then it looks after the arms again
     zmq::message_t identity, frame;
-    while (socket_.recv(identity, zmq::recv_flags::dontwait)) {
+    for (int n = 0; n < kAtOnce && socket_.recv(identity, zmq::recv_flags::dontwait); ++n) {
       int frames = 0;
       for (bool more = identity.more(); more; ++frames) {
         zmq::message_t next;

@@ -5,15 +5,17 @@
 #include <functional>
 #include <mutex>
 #include <stdexcept>
+#include <string>
 
 #include "server/kinds/kind.hpp"
 
 namespace server {
 
-// While it lives and until it is opened, whoever makes a trajectory StayJoint waits in its constructor.
+// While it lives and until it is opened, whoever makes a trajectory of that kind waits in its constructor.
 class Gate {
  public:
-  Gate() : kind_(*std::find_if(trajectories().begin(), trajectories().end(), [](const auto& each) { return each.name == "StayJoint"; })) {
+  explicit Gate(const std::string& kind = "StayJoint")
+      : kind_(*std::find_if(trajectories().begin(), trajectories().end(), [&](const auto& each) { return each.name == kind; })) {
     make_ = kind_.make;
     kind_.make = [this](const google::protobuf::Any& any, const realtime::Arm& arm) {
       std::unique_lock lock(mutex_);

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "frankapy/proto/sensors.pb.h"
+#include "server/arm_process.hpp"
 #include "server/clocks.hpp"
 #include "server/config.hpp"
 #include "server/doorkeeper.hpp"
@@ -64,6 +65,26 @@ TEST(Keys, SecretsThatOthersCanReadAreRefused) {
   folder.add("anna", proto::USER);
   chmod((folder.path / "clients.json").c_str(), 0666);  // whoever writes there lets himself in
   expect(refusal([&] { Keys{folder.path}; }), "clients.json: others can read or change it (mode 666)");
+}
+
+TEST(Keys, AFolderThatOthersWriteIntoIsRefused) {
+  KeyFolder folder;
+  for (const mode_t mode : {0770, 0707}) {
+    chmod(folder.path.c_str(), mode);
+    expect(refusal([&] { Keys{folder.path}; }), "chmod 700");
+  }
+  chmod(folder.path.c_str(), 0700);
+  if (geteuid() != 0) GTEST_SKIP() << "only root gives files away";
+  ASSERT_EQ(chown((folder.path / "server.json").c_str(), 12345, 12345), 0);
+  expect(refusal([&] { Keys{folder.path}; }), "belongs to another user (number 12345)");
+}
+
+TEST(Keys, AnArmSProcessThatCannotReadThemSaysSoAndEnds) {
+  KeyFolder folder;
+  chmod((folder.path / "server.json").c_str(), 0644);
+  ArmOptions options;
+  options.keys = folder.path;
+  EXPECT_EXIT(std::exit(run_arm({}, {}, options)), testing::ExitedWithCode(EXIT_FAILURE), "");
 }
 
 TEST(Keys, WhatIsNoKeyIsRefusedWithItsFile) {

@@ -563,6 +563,42 @@ TEST_F(TransportTest, WhatIsCancelledBehindAnErrorDoesNotChangeWhoRecovers) {
   EXPECT_FALSE(door_.recover);
 }
 
+TEST_F(TransportTest, ASkillThatHadNotBegunHasNoSayInWhoRecovers) {
+  auto a = client();
+  auto message = skill_;
+  message.mutable_recovery()->set_who(proto::RecoveryPolicy::NEVER);
+  a.start(message);
+  auto ran = take();
+  message.mutable_recovery()->set_who(proto::RecoveryPolicy::ITSELF);
+  const auto waits = a.start(message, true).skill_started().skill_id();
+  auto waited = take();
+  fail(fci::Error::kCommunicationConstraints);
+  const std::uint64_t record = door_.records.written() - 1;
+  for (auto* skill : {&ran, &waited}) {
+    door_.results.push({.skill_id = (*skill)->id, .ending = realtime::Ending::kRobotError, .record = record});
+    door_.retired.push(skill->release());
+  }
+  for (int n = 0; n < 2; ++n) {
+    const auto result = a.receive().skill_result();
+    EXPECT_EQ(result.recovery().who(), proto::RecoveryPolicy::NEVER) << (result.skill_id() == waits ? "waited" : "ran");
+  }
+  EXPECT_FALSE(a.ask(recover()).recovery().recovered());
+  EXPECT_EQ(door_.recover, 0u);
+}
+
+TEST_F(TransportTest, AnErrorThatCameSinceIsNotRecoveredFrom) {
+  auto a = client();
+  a.send(recover());  // from nothing
+  while (!door_.recover.load()) std::this_thread::sleep_for(100us);
+  EXPECT_EQ(door_.recover, record_.cycles);
+  fail(fci::Error::kJointReflex);
+  answer({.recovered = false, .unseen = true, .robot_mode = fci::RobotMode::kReflex});
+  const auto recovery = a.receive().recovery();
+  EXPECT_FALSE(recovery.recovered());
+  EXPECT_EQ(recovery.obstacle(), proto::IN_REFLEX);
+  EXPECT_NE(recovery.message().find("then recover"), std::string::npos) << recovery.message();
+}
+
 TEST_F(TransportTest, AfterAStopWhileItRecoversNothingIsMovedBack) {
   auto a = client(), b = client();
   fail(fci::Error::kJointPositionLimits);
@@ -658,6 +694,32 @@ TEST_F(TransportTest, JointsOutsideTheirRangeAreMovedBackSlowly) {
   EXPECT_NE(by_hand.message().find("joint 4 is 0.0050 rad outside its range"), std::string::npos) << by_hand.message();
 }
 
+struct GatedMotions {
+  Gate gate{"MinJerkJoint"};
+};
+class GatedRecoveryTest : public GatedMotions, public TransportTest {
+ protected:
+  void TearDown() override { gate.open(); }
+};
+
+TEST_F(GatedRecoveryTest, AnArmThatIsLostBeforeItWasMovedBackIsNotMovedLater) {
+  auto a = client(), b = client();
+  fail(fci::Error::kJointPositionLimits);
+  record_.state.q[3] = fr3_limits().q_max[3] + 0.005;
+  a.send(recover());
+  get_well();
+  answer({.recovered = true});
+  gate.wait_for(1);
+  transport_.disconnected("the robot is gone");
+  for (int n = 0; n < 2; ++n) EXPECT_EQ(b.state().error().code(), proto::Error::NOT_READY);  // rounds, in which that is seen
+  gate.open();
+  const auto recovery = a.receive().recovery();
+  EXPECT_FALSE(recovery.recovered());
+  EXPECT_NE(recovery.message().find("the connection to the robot was lost"), std::string::npos) << recovery.message();
+  connect();
+  EXPECT_EQ(take(), nullptr);
+}
+
 TEST_F(TransportTest, ARobotThatIsLostWhileItRecoversLeavesNobodyWaiting) {
   auto a = client();
   auto message = skill_;
@@ -671,6 +733,30 @@ TEST_F(TransportTest, ARobotThatIsLostWhileItRecoversLeavesNobodyWaiting) {
   const auto result = a.receive().skill_result();
   EXPECT_EQ(result.ending(), proto::ROBOT_ERROR);
   EXPECT_EQ(result.recovery().obstacle(), proto::NOT_CONNECTED);
+}
+
+TEST_F(TransportTest, AChangeThatComesTooLateLeavesNoListener) {
+  auto a = client();
+  const auto id = a.start(skill_).skill_started().skill_id();
+  auto skill = take();
+  record_.skill_id = id;
+  publish();
+  proto::Request request;
+  request.mutable_change_skill()->set_skill_id(id);
+  proto::StreamJoint stream;
+  stream.set_topic("late");
+  request.mutable_change_skill()->mutable_trajectory()->PackFrom(stream);
+  a.send(request);
+  std::unique_ptr<realtime::Change> change;
+  while (!change) change.reset(door_.change.take());
+  door_.changed.push(change.release());  // as the loop does whose skill has ended
+  EXPECT_TRUE(a.receive().has_error());
+  proto::Request topics;
+  topics.mutable_list_topics();
+  const auto told = a.ask(topics).topics();
+  for (const auto& topic : told.topics()) EXPECT_EQ(topic.skills_size(), 0) << topic.topic();
+  finish(std::move(skill));
+  EXPECT_TRUE(a.receive().has_skill_result());
 }
 
 TEST_F(TransportTest, ALostRobotEndsWhatWaitsAndComesBack) {
@@ -843,6 +929,24 @@ TEST_F(TransportTest, WhoSubscribesToTooMuchIsCutOffAndNobodyElse) {
   while (state && state->cycles() <= last) state = honest.next();
   EXPECT_TRUE(state);
   EXPECT_TRUE(client().state().has_state());
+}
+
+TEST_F(TransportTest, WhatIsNoSubscriptionIsNotTakenForOne) {
+  Subscriber honest(context_, publisher_.endpoint(), "1 cycles");
+  while (!honest.next(zmq::recv_flags::dontwait)) {
+    publish();
+    std::this_thread::sleep_for(1ms);
+  }
+  zmq::socket_t odd(context_, zmq::socket_type::xsub);
+  odd.set(zmq::sockopt::linger, 0);
+  odd.connect(publisher_.endpoint());
+  for (int n = 2; n < 200; ++n) odd.send(zmq::buffer("\x02" + std::to_string(n)), zmq::send_flags::none);
+  Subscriber other(context_, publisher_.endpoint(), "3 cycles");  // there is room for it still
+  while (!other.next(zmq::recv_flags::dontwait)) {
+    publish();
+    std::this_thread::sleep_for(1ms);
+  }
+  EXPECT_TRUE(honest.next());
 }
 
 TEST_F(TransportTest, WhatOfTheRobotIsNotTakenIsPublished) {
