@@ -831,7 +831,8 @@ def FinalJoint(
 ) -> proto.FinalJoint:
     """When the joints are within the threshold of the trajectory's goal: those of the reference, which waits for an arm that
     is held, or those of the arm, which friction and what it touches may keep from it for ever: give it a threshold that
-    allows for that.
+    allows for that. Where limits or walls keep the reference from its goal, a skill that has nothing else to end it ends
+    there.
 
     Args:
         threshold: 7 numbers, rad, 0 to 6.3, default 0.0001 0.0001 0.0001 0.0001 0.0001 0.0001 0.0001.

@@ -32,6 +32,7 @@ const Vector7 kFaultStiffness = 5 * kFaultDamping;
 // rad that an arm is away from its reference: from where on its path goes slower, and where it waits. Soft controllers lag and
 // are loaded.
 constexpr double kLagging = 0.15, kHeld = 0.3;
+constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
 constexpr double kStill = 0.1;  // rad/s of an arm that is held, and does not only lag
 
 // Torque by which the robot's own law may leap when a motion begins, a share of what a joint can give.
@@ -63,6 +64,16 @@ double lag(const Reference& wanted, const Reference& reference) {
   if (wanted.motion == Channels::kJoint) return (wanted.joint.q - reference.joint.q).cwiseAbs().maxCoeff() / kJoint;
   const Vector6 way = change_between(reference.cartesian, wanted.cartesian);
   return std::max(way.head<3>().norm() / kPosition, way.tail<3>().norm() / kAngle);
+}
+
+// A part of one's own may not say which motion it makes, and have a quaternion that is only about one; none at all is not finite.
+void tidy(Reference& reference, Channels motion) {
+  constexpr double kRounding = 1e-9, kAbout = 0.1;
+  reference.motion = motion;
+  if (motion == Channels::kJoint) return;
+  const double off = std::abs(reference.cartesian.orientation.norm() - 1);
+  if (off > kAbout) reference.cartesian.orientation.coeffs().setConstant(std::numeric_limits<double>::quiet_NaN());
+  if (off > kRounding) reference.cartesian.orientation.normalize();
 }
 
 }  // namespace
@@ -223,7 +234,7 @@ void Loop::watch_robot() noexcept {
       }
       break;
   }
-  if (door_.recover.load(std::memory_order_relaxed)) recover();
+  if (const std::uint64_t seen = door_.recover.load(std::memory_order_relaxed); seen != 0) recover(seen);
 }
 
 // The one place where a skill begins, gives way or is stopped.
@@ -349,7 +360,11 @@ void Loop::generate_reference() noexcept {
     cycle_.time = skill_time_;
     const auto step_trajectory = [&] {
       const bool over = watch_.step(PartWatch::kTrajectory, skill_->numbers.trajectory,
-                                    [&] { return skill_->trajectory->step(cycle_, std::max(path_.time(), 0.), wanted_); });
+                                    [&] {
+                                      const bool is_over = skill_->trajectory->step(cycle_, std::max(path_.time(), 0.), wanted_);
+                                      tidy(wanted_, motion_of(skill_->trajectory->fills()));
+                                      return is_over;
+                                    });
       path_.slow(wanted_);
       return over;
     };
@@ -362,13 +377,17 @@ void Loop::generate_reference() noexcept {
       pace_path();
       trajectory_over_ = step_trajectory();
       if (rejoin_.active()) rejoin_.step(kTick, wanted_);
+      const bool is_near = !keep_near_arm();
       const HeldBy held = gate_.follow(wanted_, reference_);
       held_back_ = held != HeldBy::kNothing;
       held_by_ |= held;
+      if ((held_back_ || !is_near) && !rejoin_.active()) {
+        watch_.ask(skill_->numbers.trajectory, [&] { skill_->trajectory->held_back(reference_); });
+      }
     }
     held_by_ |= when(skill_->trajectory->limited(), HeldBy::kMotionLimits);
     trajectory_over_ &= !rejoin_.active() && (!held_back_ || gate_.stuck());  // not before the reference is there as well
-    trajectory_over_ |= gate_.stuck() && skill_->trajectory->has_end();       // which is as far as it goes
+    trajectory_over_ |= gate_.stuck() && has_end(*skill_);       // which is as far as it goes
     reference_.wrench = wanted_.wrench;
     reference_.torque = wanted_.torque;
     if (!is_finite(wanted_)) watch_.not_finite(PartWatch::kTrajectory, skill_->numbers.trajectory);
@@ -394,14 +413,58 @@ void Loop::generate_reference() noexcept {
 // has fallen behind the reference, as something holds it.
 void Loop::pace_path() noexcept {
   // What comes as it goes along has a clock of its own.
-  const double behind = held_back_ && skill_->trajectory->has_end() ? lag(wanted_, reference_) : 0;
-  const bool ours = robot_->takes_torque() && !robot_->has_reference() && holder_->controller->leads();
-  const double held = ours ? std::max((gate_.away(cycle_) - kLagging) / (kHeld - kLagging), 0.) : 0;
-  path_.step(std::clamp(1 - std::max(behind, held), 0., 1.), kTick);
+  const bool ends = has_end(*skill_);
+  const double behind = held_back_ && ends ? lag(wanted_, reference_) : 0;
+  const double held = arm_is_ours() ? std::max((away() - kLagging) / (kHeld - kLagging), 0.) : 0;
+  path_.step(ends ? std::clamp(1 - std::max(behind, held), 0., 1.) : 1, kTick);
   const bool waits = held > behind && cycle_.dq.cwiseAbs().maxCoeff() < kStill;
   waited_ |= waits;
   held_by_ |= when(held > 0, HeldBy::kArm);
   if (!waits && !gate_.stuck()) slowed_ += (1 - path_.share()) * kTick;
+}
+
+// By our torques alone.
+bool Loop::arm_is_ours() const noexcept {
+  return robot_->takes_torque() && !robot_->has_reference() && holder_->controller->leads();
+}
+
+// How far the controller would lead the arm to be there: each joint, or the tool and its orientation; rad, a tool as far as a joint
+// turns to move it so far.
+Vector7 Loop::lead(const Reference& reference) const noexcept {
+  const Controller& controller = *holder_->controller;
+  if (reference.motion == Channels::kJoint) return controller.led_joints(reference.joint.q - cycle_.q).cwiseAbs();
+  const Vector6 way = controller.led_pose(cycle_, change_between(at(cycle_.O_T_EE), reference.cartesian));
+  Vector7 out = Vector7::Zero();
+  out[0] = way.head<3>().norm() / kReach;
+  out[1] = way.tail<3>().norm();
+  return out;
+}
+
+double Loop::away() const noexcept { return lead(reference_).maxCoeff(); }
+
+// What a stream wants does not wait for an arm that is held: what of it leads farther from the arm is left out, the more the farther
+// the reference is already. Returns whether anything was.
+bool Loop::keep_near_arm() noexcept {
+  if (has_end(*skill_) || !arm_is_ours() || wanted_.motion != reference_.motion || !is_finite(wanted_)) return false;
+  const Vector7 now = lead(reference_), then = lead(wanted_);
+  const Vector7 free = (1 - (now.array() - kLagging) / (kHeld - kLagging)).max(0.).min(1.);
+  const Vector7 share = (then.array() > now.array()).select(free, 1);
+  if (share.minCoeff() >= 1) return false;
+  if (wanted_.motion == Channels::kJoint) {
+    JointReference& joint = wanted_.joint;
+    joint.q = reference_.joint.q + share.cwiseProduct(joint.q - reference_.joint.q);
+    joint.dq = share.cwiseProduct(joint.dq);
+    joint.ddq = share.cwiseProduct(joint.ddq);
+    return true;
+  }
+  CartesianReference& pose = wanted_.cartesian;
+  const Vector6 way = change_between(reference_.cartesian, pose);
+  const Vector6 shares = (Vector6() << Vector3::Constant(share[0]), Vector3::Constant(share[1])).finished();
+  pose.position = reference_.cartesian.position + share[0] * way.head<3>();
+  pose.orientation = exp(share[1] * way.tail<3>()) * reference_.cartesian.orientation;
+  pose.velocity = shares.cwiseProduct(pose.velocity);
+  pose.acceleration = shares.cwiseProduct(pose.acceleration);
+  return true;
 }
 
 void Loop::compute_torque() noexcept {
@@ -424,7 +487,7 @@ void Loop::compute_torque() noexcept {
       tau = model_.coriolis() + held_ + kFaultStiffness.cwiseProduct(caught_ - cycle_.q) - kFaultDamping.cwiseProduct(cycle_.dq);
     }
     const bool led = !lets_go && !faulty_ && holder_->controller->leads();
-    held_by_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? gate_.away(cycle_) : 0, tau_J_d_);
+    held_by_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? away() : 0, tau_J_d_);
   }
   if (skill_ == nullptr) return;
   skill_held_by_ |= held_by_;
@@ -463,7 +526,7 @@ void Loop::send_command() noexcept {
 // The first that ends the skill, of those that look for a contact or of the others; -1: none.
 int Loop::ask_terminations(bool of_contact) noexcept {
   const double planned = trajectory_began_ + path_.lasts(duration(*skill_)) + slowed_;
-  const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_, planned, observer_.tau_ext(),
+  const Progress progress{*skill_->trajectory, trajectory_over_, reference_, waited_, planned, trajectory_began_, observer_.tau_ext(),
                           observer_.O_F_ext_K()};
   int termination = -1;
   for (std::size_t i = 0; i < skill_->terminations.size(); ++i) {
@@ -480,7 +543,9 @@ int Loop::ask_terminations(bool of_contact) noexcept {
 void Loop::terminate_skill() noexcept {
   if (phase_ == Phase::kRunning && !waits_for_start()) {
     const int termination = ask_terminations(false);
-    const bool over = skill_->terminations.empty() && ((trajectory_over_ && gate_.at_rest()) || gate_.stuck());
+    const auto& all = skill_->terminations;
+    const bool may = std::all_of(all.begin(), all.end(), [](const auto& each) { return each->seeks_goal(); });
+    const bool over = (all.empty() && trajectory_over_ && gate_.at_rest()) || (may && gate_.stuck());
     if (watch_.at_fault()) {
       stop_running(Ending::kComponentFault);
     } else if (over || termination >= 0) {
@@ -562,6 +627,10 @@ double Loop::duration(const Skill& skill) const noexcept {
   return watch_.ask(skill.numbers.trajectory, [&] { return skill.trajectory->duration(); });
 }
 
+bool Loop::has_end(const Skill& skill) const noexcept {
+  return watch_.ask(skill.numbers.trajectory, [&] { return skill.trajectory->has_end(); });
+}
+
 std::optional<Vector7> Loop::posture() const noexcept {
   return watch_.ask(skill_->numbers.controller, [&] { return skill_->controller->posture(); });
 }
@@ -621,7 +690,7 @@ bool Loop::next_waits() const noexcept {
   if (next_->start_ns > driver_.received_ns()) return true;
   if (next_->after == 0 || skill_ == nullptr) return false;
   const bool blends = next_->blend > 0 && phase_ == Phase::kRunning && !waits_for_start() && fits_motion(*next_) &&
-                      skill_->trajectory->has_end() && path_.lasts(duration(*skill_) - path_.time()) <= next_->blend;
+                      has_end(*skill_) && path_.lasts(duration(*skill_) - path_.time()) <= next_->blend;
   return !blends;
 }
 
@@ -958,32 +1027,37 @@ void Loop::fail_motion() noexcept {
   if (skill_ != nullptr) end(skill_, Ending::kRobotError);
   drop_next(Ending::kRobotError);
   end_motion(robot_idle() ? Phase::kIdle : Phase::kError);
+  if (phase_ == Phase::kError) error_began_ = cycles_;
   motion_answer_.reset();
 }
 
-void Loop::recover() noexcept {
+void Loop::recover(std::uint64_t seen) noexcept {
   if (phase_ == Phase::kRecovering) return;  // one at a time; the flag waits
   if (robot_idle()) user_stopped_ = false;   // it was released
   if (phase_ == Phase::kError && robot_idle()) phase_ = Phase::kIdle;
   if (phase_ != Phase::kError) {
-    door_.recover = false;
     answer_recovery(true, fci::Status::kSuccess);
+    return;
+  }
+  if (seen < error_began_) {
+    recovery_accepted_ = false;
+    answer_recovery(false, fci::Status::kSuccess, true);
     return;
   }
   recovery_id_ = driver_.post(fci::AutomaticErrorRecovery{});
   if (!recovery_id_) return;  // the connection takes nothing now: next cycle again
-  door_.recover = false;
+  door_.recover = 0;
   recovery_accepted_ = false;
   phase_ = Phase::kRecovering;
   set_deadline(kRecoveryTime);
 }
 
-void Loop::answer_recovery(bool recovered, fci::Status status) noexcept {
-  door_.recover = false;  // whoever has asked meanwhile is told this too
+void Loop::answer_recovery(bool recovered, fci::Status status, bool unseen) noexcept {
+  door_.recover = 0;  // whoever has asked meanwhile is told this too
   if (phase_ == Phase::kRecovering) phase_ = recovered ? Phase::kIdle : Phase::kError;
   recovery_id_.reset();
   const auto record = lost_ ? std::nullopt : std::optional(door_.records.written());  // publish() is still to come
-  door_.recoveries.push({recovered, recovery_accepted_, status, state_.robot_mode, record});
+  door_.recoveries.push({recovered, recovery_accepted_, unseen, status, state_.robot_mode, record});
 }
 
 void Loop::update_tool() noexcept {

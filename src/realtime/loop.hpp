@@ -54,6 +54,10 @@ class Loop {
   void feel_contact() noexcept;
   void generate_reference() noexcept;
   void pace_path() noexcept;
+  bool arm_is_ours() const noexcept;
+  Vector7 lead(const Reference& reference) const noexcept;
+  double away() const noexcept;
+  bool keep_near_arm() noexcept;
   void compute_torque() noexcept;
   void send_command() noexcept;
   void terminate_skill() noexcept;
@@ -63,6 +67,7 @@ class Loop {
   void end(Skill* skill, Ending ending) noexcept;
   Left left(const Skill& skill) const noexcept;
   double duration(const Skill& skill) const noexcept;
+  bool has_end(const Skill& skill) const noexcept;
   std::optional<Vector7> posture() const noexcept;
   void drop_next(Ending ending, fci::Command refused = fci::Command::kMove,
                  fci::Status status = fci::Status::kSuccess) noexcept;
@@ -100,8 +105,8 @@ class Loop {
   void let_go() noexcept;
   void end_motion(Phase phase) noexcept;
   void fail_motion() noexcept;
-  void recover() noexcept;
-  void answer_recovery(bool recovered, fci::Status status) noexcept;
+  void recover(std::uint64_t seen) noexcept;
+  void answer_recovery(bool recovered, fci::Status status, bool unseen = false) noexcept;
   bool robot_idle() const noexcept;
   bool robot_matches() const noexcept;
   bool in_motion() const noexcept;
@@ -129,6 +134,7 @@ class Loop {
   fci::RobotState tool_state_;  // whose tool the model has
   std::uint64_t ticks_ = 1;     // ms since the last state
   std::uint64_t cycles_ = 0, lost_states_ = 0;
+  std::uint64_t error_began_ = 0;  // the cycle of the newest
   MomentumObserver observer_;
   Cycle cycle_{state_, model_};
 

@@ -31,8 +31,6 @@ constexpr double kLookAhead = 1e-3;         // rad, of all joints together
 constexpr double kStill = 0.05;       // rad/s of a joint for which braking is little
 constexpr double kLeastSpared = 0.3;  // or the arm would not come to rest before anything
 
-constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
-
 // So near to each other that an arm which a wall holds up does not stir for it.
 bool beside(const Reference& a, const Reference& b) {
   if (a.motion == Channels::kJoint) return (a.joint.q - b.joint.q).norm() < kBeside;
@@ -102,13 +100,6 @@ void MotionGate::observe(const Reference& reference, const Vector7& gravity, con
 Vector7 MotionGate::joint_velocity() const noexcept {
   const Reference& now = limiter_.last();
   return now.motion == Channels::kJoint ? now.joint.dq : Vector7(joints_.dq_dP * now.cartesian.velocity);
-}
-
-double MotionGate::away(const Cycle& cycle) const noexcept {
-  const Reference& now = limiter_.last();
-  if (now.motion == Channels::kJoint) return (now.joint.q - cycle.q).cwiseAbs().maxCoeff();
-  const Vector6 way = change_between(at(cycle.O_T_EE), now.cartesian);
-  return std::max(way.head<3>().norm() / kReach, way.tail<3>().norm());
 }
 
 // The fastest that the tool becomes with the reference if it accelerates no more, m/s. Of a pose that is the limiter's to know.

@@ -56,8 +56,6 @@ class MotionGate {
   // About where the joints are with it.
   const JointsOfPose& joints() const noexcept { return joints_; }
   Vector7 joint_velocity() const noexcept;  // rad/s
-  // How far the arm is away from it: of its farthest joint, or as far as a joint turns to move the tool so far; rad.
-  double away(const Cycle& cycle) const noexcept;
   bool at_rest() const noexcept { return limiter_.at_rest(); }
   bool stuck() const noexcept { return limiter_.stuck(); }
 

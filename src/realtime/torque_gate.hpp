@@ -30,7 +30,7 @@ class TorqueGate {
   double share(const Vector7& tau) const noexcept { return limits_.share(tau); }
 
   // tau_J_d: the last command in, the next one out (N m); returns what held it back.
-  // `away`: from where the controller leads it, rad (MotionGate::away()); 0 if it leads it nowhere.
+  // `away`: from where the controller leads it, rad (Loop::away()); 0 if it leads it nowhere.
   HeldBy pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away, Vector7& tau_J_d) noexcept;
 
  private:

@@ -102,6 +102,24 @@ std::vector<Law> all_laws(const SimulatedArm& arm) {
   return laws;
 }
 
+TEST_P(ForceControllers, an_admittance_that_stays_forgets_how_far_it_was_led) {
+  Admittance law(floating(200));
+  Reference reference = pose_reference(arm);
+  law.start(arm.cycle, reference);
+  arm.state.O_F_ext_hat_K = {0, -10, 0, 0, 0, 0};
+  Vector7 tau;
+  for (int n = 0; n < 2000; ++n) {
+    law.step(arm.cycle, reference, tau);
+    arm.step(tau);
+  }
+  arm.state.O_F_ext_hat_K = {};
+  reference = pose_reference(arm);  // it has touched something, and rests
+  law.stay();
+  law.step(arm.cycle, reference, tau);
+  const Vector7 held = tau - arm.model.coriolis();
+  EXPECT_LT(held.cwiseAbs().maxCoeff(), 2) << "which a spring of 50 mm would not be";
+}
+
 // --- a wrench ------------------------------------------------------------------------------------------------------------
 
 TEST_P(ForceControllers, the_torque_of_a_wrench_does_its_work) {

@@ -3,10 +3,13 @@
 #include <cmath>
 #include <random>
 
+#include "realtime/joint_range.hpp"
 #include "realtime/sensor_input.hpp"
+#include "realtime/trajectories/stream_velocity.hpp"
 #include "realtime/trajectories/target_stream.hpp"
 #include "realtime/trajectories/velocity_stream.hpp"
 #include "tests/realtime/allocation_counter.hpp"
+#include "tests/realtime/simulated_arm.hpp"
 
 namespace realtime {
 namespace {
@@ -365,6 +368,31 @@ TEST(VelocityStream, ReachesWhatComesInsideTheRatesAndStopsAfterTheTimeout) {
   EXPECT_NEAR((x[900][1] - x[899][1]) / kTick, -1.5, 1e-6);
   EXPECT_LT(seen.most_a, 6.01);
   EXPECT_LT((x.back() - x[2000]).norm(), 1e-9);
+}
+
+TEST(VelocityStream, GoesOnFromAnotherPlaceWithTheSameMotion) {
+  VelocityStream<2> stream(1, kRates);
+  stream.start({});
+  stream.add(Vector(0.3, -0.2));
+  for (int i = 0; i < 200; ++i) stream.at(i * kTick, i * kTick);
+  const auto before = stream.point();
+  stream.move_to(before.x + Vector(1, 2));
+  const auto after = stream.at(200 * kTick, 200 * kTick);
+  EXPECT_NEAR((after.x - before.x - Vector(1, 2) - kTick * after.v).norm(), 0, 1e-5);
+  EXPECT_NEAR((after.v - before.v).norm(), 0, 0.01);
+}
+
+TEST(StreamJointVelocity, StaysWhereItBeginsBeyondWhereMotionsEnd) {
+  const models::Limits limits = models::limits(models::arm("fr3"), 10);
+  StreamJointVelocity stream({"pace", 0.2, 1}, limits);
+  Reference from, reference;
+  from.motion = Channels::kJoint;
+  from.joint.q = Vector7::Map(models::kHome.data());
+  from.joint.q[0] = rest_max(limits, 0) + 0.01;
+  stream.start(from);
+  const testing_tools::SimulatedArm arm("fr3");
+  for (int i = 0; i < 100; ++i) stream.step(arm.cycle, i * kTick, reference);
+  EXPECT_EQ(reference.joint.q, from.joint.q);
 }
 
 TEST(SensorInput, OfWhatWaitsTheNewestIsKept) {

@@ -210,6 +210,24 @@ TEST_F(Terminations, contact_with_thresholds_looks_at_each_component_of_the_esti
   }
 }
 
+TEST_F(Terminations, time_after_a_trajectory_that_begins_anew_counts_anew) {
+  realtime::Time time({std::nullopt, 1.0});
+  time.start();
+  arm.cycle.time = 5;
+  EXPECT_FALSE(time.step(arm.cycle, Progress{joints, true, reference}));
+  arm.cycle.time = 5.9;
+  EXPECT_FALSE(time.step(arm.cycle, Progress{joints, true, reference}));
+  Progress anew{joints, false, reference};
+  anew.began = 5.9;
+  arm.cycle.time = 6.5;
+  EXPECT_FALSE(time.step(arm.cycle, anew));
+  anew.trajectory_over = true;
+  arm.cycle.time = 7;
+  EXPECT_FALSE(time.step(arm.cycle, anew));
+  arm.cycle.time = 8;
+  EXPECT_TRUE(time.step(arm.cycle, anew));
+}
+
 TEST_F(Terminations, contact_by_the_observer_looks_at_its_estimates_alone) {
   Progress progress{joints, false, reference};
   using Estimate = realtime::Contact::Estimate;

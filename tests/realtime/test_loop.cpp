@@ -18,9 +18,13 @@
 #include "realtime/controllers/joint_impedance.hpp"
 #include "realtime/robot_controllers/robot_controller.hpp"
 #include "realtime/terminations/composite.hpp"
+#include "realtime/terminations/final_joint.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/trajectories/min_jerk_pose.hpp"
 #include "realtime/trajectories/relative_min_jerk_joint.hpp"
+#include "realtime/trajectories/stream_joint.hpp"
+#include "realtime/trajectories/stream_velocity.hpp"
+#include "walled.hpp"
 
 namespace {
 
@@ -29,6 +33,7 @@ using testing_tools::AllocationCounter;
 using testing_tools::MockRobot;
 using Generator = fci::MotionGeneratorMode;
 
+constexpr auto kNow = std::numeric_limits<std::uint64_t>::max();  // whatever there is to recover from
 constexpr robot::Mode kInternalJoint = {fci::ControllerMode::kJointImpedance, Generator::kJointPosition};
 constexpr robot::Mode kInternalPose = {fci::ControllerMode::kCartesianImpedance, Generator::kCartesianPosition};
 
@@ -117,6 +122,18 @@ struct OddTrajectory : MinJerkJoint {
     const bool over = what == kIsOverAtOnce || MinJerkJoint::step(cycle, time, reference);
     if (what == kLeaps && !over && std::fmod(time, 0.2) > 0.1) reference.joint.q[1] += 0.5;
     return over && what != kNeverEnds;
+  }
+};
+
+// Does not say which motion it makes, with a quaternion that is about one.
+struct CarelessPose : MinJerkPose {
+  double norm;
+  CarelessPose(const Parameters& parameters, const models::Limits& limits, double n) : MinJerkPose(parameters, limits), norm(n) {}
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
+    const bool over = MinJerkPose::step(cycle, time, reference);
+    reference.motion = Channels::kJoint;
+    reference.cartesian.orientation.coeffs() *= norm;
+    return over;
   }
 };
 
@@ -489,7 +506,7 @@ TEST_F(LoopTest, WhatIsQueuedBehindAFailureIsCancelled) {
   ASSERT_TRUE(until([&] { return results_seen == 2; }));
   EXPECT_EQ(results[0].ending, Ending::kRobotError);
   EXPECT_EQ(results[1].ending, Ending::kCancelled);
-  door.recover = true;
+  door.recover = kNow;
   ASSERT_TRUE(until(Phase::kIdle));
 
   give_internal(0.1, 0.5);  // and one that comes too late
@@ -748,7 +765,7 @@ TEST_F(LoopTest, RobotErrorEndsTheSkillWithItsNameAndTheLoopGoesOn) {
   EXPECT_EQ(results[1].ending, Ending::kRobotError);
   EXPECT_EQ(fci::names(results[1].errors), "joint_reflex");
 
-  door.recover = true;
+  door.recover = kNow;
   ASSERT_TRUE(until(Phase::kIdle, 20));
   ASSERT_EQ(recoveries.size(), 1u);
   EXPECT_TRUE(recoveries[0].recovered);
@@ -764,14 +781,14 @@ TEST_F(LoopTest, ReflexWhileHoldingOrIdleIsSurvived) {
   ASSERT_TRUE(until(Phase::kError, 5));
   EXPECT_EQ(results.size(), 1u);
   EXPECT_EQ(retired, 1u);
-  door.recover = true;
+  door.recover = kNow;
   ASSERT_TRUE(until(Phase::kIdle, 20));
   robot.user_stop();
   ASSERT_TRUE(until(Phase::kError, 5));
   robot.release();
   cycles(20);
   EXPECT_EQ(last.phase, Phase::kError) << "somebody has to say that the arm may go on";
-  door.recover = true;
+  door.recover = kNow;
   ASSERT_TRUE(until(Phase::kIdle, 5));
   EXPECT_EQ(posted(fci::Command::kAutomaticErrorRecovery), 1) << "of a user stop there is nothing to recover on the robot";
   give_torque();
@@ -802,7 +819,7 @@ TEST_F(LoopTest, AUserStopThatIsStillPressedIsNotRecoveredFrom) {
   robot.user_stop();
   ASSERT_TRUE(until(Phase::kError, 5));
   robot.refused = fci::Command::kAutomaticErrorRecovery;  // as robots do then
-  door.recover = true;
+  door.recover = kNow;
   ASSERT_TRUE(until([&] { return !recoveries.empty(); }, 20));
   EXPECT_FALSE(recoveries[0].recovered);
   EXPECT_EQ(recoveries[0].robot_mode, fci::RobotMode::kUserStopped);
@@ -810,7 +827,7 @@ TEST_F(LoopTest, AUserStopThatIsStillPressedIsNotRecoveredFrom) {
   robot.release();
   cycles(5);
   EXPECT_EQ(last.phase, Phase::kError);
-  door.recover = true;
+  door.recover = kNow;
   EXPECT_TRUE(until(Phase::kIdle, 5));
 }
 
@@ -841,12 +858,31 @@ TEST_F(LoopTest, AUserStopIsNotTheReflexBeforeIt) {
   EXPECT_FALSE(fci::any(results[0].errors)) << fci::names(results[0].errors);
 }
 
+TEST_F(LoopTest, WhoHasNotSeenAnErrorHasNotAskedToRecoverFromIt) {
+  give_internal();
+  ASSERT_TRUE(until(Phase::kRunning));
+  cycles(10);
+  door.recover = last.cycles;
+  robot.reflex(fci::Error::kJointReflex);
+  ASSERT_TRUE(until([&] { return !recoveries.empty(); }, 5));
+  ASSERT_TRUE(until(Phase::kError, 5));
+  if (recoveries[0].recovered) {  // there was nothing, a cycle before
+    door.recover = last.cycles - 1;
+    ASSERT_TRUE(until([&] { return recoveries.size() == 2; }, 5));
+  }
+  EXPECT_FALSE(recoveries.back().recovered);
+  EXPECT_TRUE(recoveries.back().unseen);
+  EXPECT_EQ(posted(fci::Command::kAutomaticErrorRecovery), 0);
+  door.recover = last.cycles;
+  EXPECT_TRUE(until(Phase::kIdle, 20));
+}
+
 TEST_F(LoopTest, RefusedRecoveryIsReported) {
   robot.reflex(fci::Error::kJointReflex);
   ASSERT_TRUE(until(Phase::kError, 5));
   robot.refused = fci::Command::kAutomaticErrorRecovery;
   robot.refusal = fci::Status::kManualErrorRecoveryRequired;
-  door.recover = true;
+  door.recover = kNow;
   ASSERT_TRUE(until([&] { return !recoveries.empty(); }, 50));
   EXPECT_FALSE(recoveries[0].recovered);
   EXPECT_EQ(recoveries[0].status, fci::Status::kManualErrorRecoveryRequired);
@@ -854,7 +890,7 @@ TEST_F(LoopTest, RefusedRecoveryIsReported) {
 
   robot.refused.reset();
   robot.silent = fci::Command::kAutomaticErrorRecovery;
-  door.recover = true;
+  door.recover = kNow;
   ASSERT_TRUE(until([&] { return recoveries.size() == 2; }, 11000));
   EXPECT_FALSE(recoveries[1].recovered);
   EXPECT_EQ(recoveries[1].status, fci::Status::kFailed);
@@ -862,7 +898,7 @@ TEST_F(LoopTest, RefusedRecoveryIsReported) {
 
 TEST_F(LoopTest, RecoveryWithNothingToRecoverFromSucceedsAtOnce) {
   cycles(3);
-  door.recover = true;
+  door.recover = kNow;
   ASSERT_TRUE(until([&] { return !recoveries.empty(); }, 3));
   EXPECT_TRUE(recoveries[0].recovered);
   EXPECT_EQ(posted(fci::Command::kAutomaticErrorRecovery), 0);
@@ -947,7 +983,7 @@ TEST_F(LoopTest, LostConnectionEndsSkillsAndLoop) {
     robot.connection = robot::Received::kState;
     remake();
     ASSERT_TRUE(until(Phase::kError, 5));
-    door.recover = true;
+    door.recover = kNow;
     ASSERT_TRUE(until(Phase::kIdle, 30));
   }
 }
@@ -1369,6 +1405,129 @@ TEST_F(LoopTest, AnArmThatIsHeldIsWaitedForAndDoesNotLeap) {
     ASSERT_TRUE(until_result());
   }
   judge = false;  // the mock's torque rate in float32
+}
+
+TEST_F(LoopTest, AnArmThatIsHeldIsNotWaitedForWhereItHasNoSpring) {
+  auto soft = gains();
+  soft.stiffness[6] = 0;
+  const Vector7 goal = robot.q() + 0.6 * Vector7::Unit(6);
+  robot.locked = true;
+  give(std::make_unique<MinJerkJoint>(MinJerkJoint::Parameters{goal, 2}, robot.limits), std::make_unique<JointImpedance>(soft));
+  ASSERT_TRUE(until_result(4000));
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_FALSE(has(results[0].held_by, HeldBy::kArm));
+  judge = false;  // the mock's torque rate in float32
+}
+
+// What a stream wants, or sums up, while something is in its way does not have to be undone first.
+TEST_F(LoopTest, AVelocityStreamEndsWhenItIsLetGoWhateverHasHeldItBack) {
+  Bounds slow(robot.limits);
+  slow.tool_speed = slow.limits.translation.velocity = 0.1;
+  door.bounds.put(std::make_unique<Bounds>(slow));
+  for (const bool pose : {false, true}) {
+    SCOPED_TRACE(pose);
+    const StreamJointVelocity::Parameters parameters{"pace", 0.2, 1};
+    std::unique_ptr<TrajectoryGenerator> stream;
+    if (pose) {
+      stream = std::make_unique<StreamCartesianVelocity>(parameters, robot.limits);
+    } else {
+      stream = std::make_unique<StreamJointVelocity>(parameters, robot.limits);
+    }
+    const auto input = stream->sensor_inputs().at(0);
+    std::unique_ptr<Controller> law = std::make_unique<Internal>();
+    if (pose) law = std::make_unique<CartesianImpedance>(CartesianImpedance::Parameters{Vector3::Constant(600), Vector3::Constant(50), 1, 10});
+    give(std::move(stream), std::move(law), {}, std::make_unique<AfterTime>(pose ? 3 : 6));
+    ASSERT_TRUE(until(Phase::kRunning));
+    const auto where = [&]() -> Vector3 {
+      return pose ? last.reference.cartesian.position : Vector3(model.O_T_EE(last.reference.joint.q).translation());
+    };
+    const auto wish = [&](double velocity, int ms) {
+      SensorSample sample;
+      sample.values[pose ? 3 : 2] = velocity;  // along y, or of joint 1
+      for (int i = 0; i < ms; ++i) {
+        if (i % 10 == 0) input->put(sample);
+        cycle();
+      }
+    };
+    const Vector3 began = where();
+    wish(0.5, pose ? 1000 : 2000);
+    const Vector3 there = where();
+    EXPECT_NEAR((there - began).norm(), pose ? 0.095 : 0.19, 0.02) << "as fast as it may";
+    cycles(500);  // of which it is silent
+    const Vector3 rested = where();
+    EXPECT_LT((rested - there).norm(), 0.04);
+    cycles(100);
+    EXPECT_LT((where() - rested).norm(), 1e-5);
+    wish(0.5, 300);
+    const Vector3 turned = where();
+    wish(-0.5, pose ? 600 : 300);  // poses catch up gently
+    EXPECT_LT((where() - turned).dot((there - began).normalized()), -0.005) << "and comes back at once";
+    ASSERT_TRUE(until_result());
+  }
+  while (Bounds* const* taken = door.taken_bounds.front()) {
+    delete *taken;
+    door.taken_bounds.pop();
+  }
+}
+
+TEST_F(LoopTest, AStreamComesBackFromWhereItsArmWasHeld) {
+  auto stream = std::make_unique<StreamJoint>(StreamJoint::Parameters{.topic = "goal", .delay = {}, .timeout = {}, .speed = 1}, robot.limits);
+  const auto input = stream->sensor_inputs().at(0);
+  give(std::move(stream), std::make_unique<JointImpedance>(gains()), {}, std::make_unique<AfterTime>(7));
+  ASSERT_TRUE(until(Phase::kRunning));
+  const Vector7 home = robot.q();
+  robot.locked = true;
+  double farthest = 0;
+  const auto targets = [&](double way, int ms) {
+    SensorSample sample;
+    Vector7::Map(sample.values.data() + 2) = home + way * Vector7::Unit(0);
+    for (int i = 0; i < ms; ++i) {
+      if (i % 20 == 0) input->put(sample);
+      cycle();
+      farthest = std::max(farthest, last.reference.joint.q[0] - home[0]);
+    }
+  };
+  targets(1, 3000);
+  EXPECT_TRUE(has(last.held_by, HeldBy::kArm));
+  EXPECT_GT(farthest, 0.2);
+  EXPECT_LT(farthest, 0.4) << "it goes no farther from an arm that does not follow";
+  targets(0, 1500);
+  EXPECT_NEAR(last.reference.joint.q[0], home[0], 1e-3);
+  robot.locked = false;
+  ASSERT_TRUE(until_result());
+  judge = false;  // the mock's torque rate in float32
+}
+
+TEST_F(LoopTest, APoseOfOnesOwnIsAboutOne) {
+  const Eigen::Isometry3d T = model.O_T_EE(robot.q());
+  const MinJerkPose::Parameters to{T.translation() + Vector3(0, 0.1, 0), Eigen::Quaterniond(T.linear()), 1};
+  give(std::make_unique<CarelessPose>(to, robot.limits, 1.01), std::make_unique<Internal>());
+  ASSERT_TRUE(until_result(3000));
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_NEAR((last.reference.cartesian.position - to.position).norm(), 0, 1e-4);
+  give(std::make_unique<CarelessPose>(to, robot.limits, 2), std::make_unique<Internal>());
+  ASSERT_TRUE(until_result(3000));
+  EXPECT_EQ(results[1].ending, Ending::kComponentFault);
+}
+
+TEST_F(LoopTest, WhoSeeksAGoalThatAWallIsInTheWayOfEndsBeforeIt) {
+  const auto wall_at = [&](double y) {
+    auto walls = std::make_unique<Walls>(Walls{ArmCapsules(models::arm("fr3"), true), {}});
+    walls->walls.push_back({1, testing_tools::plane({0, y, 0}, -Vector3::UnitY())});
+    return walls;
+  };
+  door.walls.put(wall_at(0.25));
+  const Vector7 goal = robot.q() + Vector7::Unit(0);
+  give(std::make_unique<MinJerkJoint>(MinJerkJoint::Parameters{goal, 2}, robot.limits), std::make_unique<Internal>(), {},
+       std::make_unique<FinalJoint>(FinalJoint::Parameters{Vector7::Constant(1e-3)}));
+  ASSERT_TRUE(until_result(6000));
+  EXPECT_EQ(results[0].ending, Ending::kTerminated);
+  EXPECT_EQ(results[0].termination, -1) << "which has not fired";
+  EXPECT_GT(results[0].left.joints.value_or(0), 0.1);
+  while (Walls* const* former = door.former_walls.front()) {
+    delete *former;
+    door.former_walls.pop();
+  }
 }
 
 TEST_F(LoopTest, APathThatIsFasterThanTheJointsIsWaitedFor) {

@@ -26,10 +26,14 @@ Admittance::Admittance(const Parameters& parameters)
 }
 
 void Admittance::start(const Cycle& cycle, Reference& reference) noexcept {
+  stay();
+  follower_.start(cycle, reference);
+}
+
+void Admittance::stay() noexcept {
   position_.setZero();
   orientation_.setIdentity();
   velocity_.setZero();
-  follower_.start(cycle, reference);
 }
 
 void Admittance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {

@@ -33,6 +33,7 @@ class Admittance : public Controller {
 
   // Moves the reference as CartesianImpedance does, with x = 0.
   void start(const Cycle& cycle, Reference& reference) noexcept override;
+  void stay() noexcept override;
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;
 
  private:

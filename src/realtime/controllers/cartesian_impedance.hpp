@@ -56,6 +56,9 @@ class CartesianImpedance : public Controller {
   Channels takes() const noexcept override { return Channels::kPose; }
   robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
   std::optional<Vector7> posture() const noexcept override { return posture_; }
+  Vector6 led_pose(const Cycle& cycle, const Vector6& way) const noexcept override {
+    return in_base(cycle, (stiffness_.now().array() > 0).select(in_frame(cycle, way), 0));
+  }
 
   // Moves the reference pose where there is stiffness, as far as the integral does not do, and the posture for the null space.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

@@ -23,6 +23,11 @@ class Controller : public Part {
   // Whether it leads all of the arm there, and no force moves some of it elsewhere on purpose.
   virtual bool leads() const noexcept { return tracks(); }
 
+  // Of a way from the arm to a reference what it leads the arm along: all but where it has no spring. Of joints, rad, or of a pose,
+  // m and rad along the axes of O.
+  virtual Vector7 led_joints(const Vector7& way) const noexcept { return way; }
+  virtual Vector6 led_pose(const Cycle&, const Vector6& way) const noexcept { return way; }
+
   // The robot controller that runs it for such a motion, and what the robot must be set to.
   virtual robot::Mode mode(Channels motion) const noexcept = 0;
   virtual robot::Settings settings() const noexcept { return {}; }

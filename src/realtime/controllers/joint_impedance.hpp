@@ -35,6 +35,7 @@ class JointImpedance : public Controller {
 
   Channels takes() const noexcept override { return Channels::kJoint; }
   robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
+  Vector7 led_joints(const Vector7& way) const noexcept override { return (parameters_.stiffness.array() > 0).select(way, 0); }
 
   // Moves q_ref of the joints that have stiffness.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <utility>
@@ -25,6 +26,9 @@ class Composite : public Termination {
     Channels all = Channels::kNone;
     for (const auto& part : parts_) all = all | part->judges();
     return all;
+  }
+  bool seeks_goal() const noexcept override {
+    return std::all_of(parts_.begin(), parts_.end(), [](const auto& part) { return part->seeks_goal(); });
   }
   std::vector<std::shared_ptr<SensorInput>> sensor_inputs() const override {
     std::vector<std::shared_ptr<SensorInput>> all;

@@ -17,6 +17,7 @@ class FinalJoint : public Termination {
   explicit FinalJoint(const Parameters& parameters);
 
   Channels judges() const noexcept override { return Channels::kJoint; }
+  bool seeks_goal() const noexcept override { return true; }
   bool step(const Cycle& cycle, const Progress& progress) noexcept override;
 
  private:

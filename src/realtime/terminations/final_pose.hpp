@@ -19,6 +19,7 @@ class FinalPose : public Termination {
   explicit FinalPose(const Parameters& parameters);
 
   Channels judges() const noexcept override { return Channels::kPose; }
+  bool seeks_goal() const noexcept override { return true; }
   bool step(const Cycle& cycle, const Progress& progress) noexcept override;
 
  private:

@@ -16,6 +16,7 @@ struct Progress {
   const Reference& reference;  // commanded in this cycle, after the limits
   bool waits = false;          // its trajectory has waited for an arm that was held
   double planned = 0;          // s of the skill after which it should be over
+  double began = 0;            // s of the skill, at which the trajectory did, or another in its place
   // What the arm exerts on what it touches, by the momentum observer; N m; N and N m at K, axes of O.
   Vector7 tau_ext = Vector7::Zero();
   Vector6 O_F_ext_K = Vector6::Zero();
@@ -27,6 +28,9 @@ class Termination : public Part {
  public:
   // The channels that a trajectory must fill for it.
   virtual Channels judges() const noexcept { return Channels::kNone; }
+
+  // Whether it looks for the trajectory's goal alone, which is never met where limits or walls are in the way of it.
+  virtual bool seeks_goal() const noexcept { return false; }
 
   // What the arm does where this has ended the skill. One that has such an ending looks at what is measured alone, and is asked
   // before anything is commanded in the cycle; null: it is asked afterwards, and the reference is braked to rest.

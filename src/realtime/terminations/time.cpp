@@ -19,12 +19,12 @@ Time::Time(const Parameters& parameters) : parameters_(parameters) {
   }
 }
 
-void Time::start() noexcept { of_ = nullptr; }
+void Time::start() noexcept { began_ = -1; }
 
 bool Time::step(const Cycle& cycle, const Progress& progress) noexcept {
   constexpr double kRounding = 1e-9;  // s: skill time is a sum of milliseconds
   if (parameters_.seconds) return cycle.time >= *parameters_.seconds - kRounding;
-  if (std::exchange(of_, &progress.trajectory) != &progress.trajectory) over_since_ = -1;
+  if (std::exchange(began_, progress.began) != progress.began) over_since_ = -1;
   // An arm that is held does not keep the time from passing.
   const bool should_be = progress.waits && cycle.time >= progress.planned - kRounding;
   if (over_since_ < 0 && (progress.trajectory_over || should_be)) over_since_ = cycle.time;

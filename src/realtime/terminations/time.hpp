@@ -22,8 +22,8 @@ class Time : public Termination {
 
  private:
   Parameters parameters_;
-  double over_since_ = -1;                   // s of skill time; negative: not over
-  const TrajectoryGenerator* of_ = nullptr;  // that; another takes its place where the skill is changed
+  double over_since_ = -1;  // s of skill time; negative: not over
+  double began_ = -1;       // s likewise: the trajectory that is over; where the skill is changed another begins
 };
 
 }  // namespace realtime

@@ -19,8 +19,8 @@ StreamJointVelocity::StreamJointVelocity(const Parameters& parameters, const mod
                                            std::vector<std::string>{"JointVelocitySensorMessage"}, parameters.timeout)),
       stream_(std::make_unique<VelocityStream<models::kJoints>>(parameters.timeout, joint_rates(limits, parameters.speed))) {
   for (int i = 0; i < models::kJoints; ++i) {
-    q_min_[i] = rest_min(limits, i);
-    q_max_[i] = rest_max(limits, i);
+    rest_min_[i] = rest_min(limits, i);
+    rest_max_[i] = rest_max(limits, i);
   }
 }
 
@@ -29,6 +29,15 @@ StreamJointVelocity::~StreamJointVelocity() = default;
 void StreamJointVelocity::start(const Reference& from) noexcept {
   Stream::start(from);
   stream_->start({from.joint.q, from.joint.dq, from.joint.ddq});
+  // One that begins beyond them stays there until it is asked back.
+  q_min_ = rest_min_.cwiseMin(from.joint.q);
+  q_max_ = rest_max_.cwiseMax(from.joint.q);
+}
+
+void StreamJointVelocity::held_back(const Reference& reference) noexcept {
+  const auto& point = stream_->point();
+  const Vector7 most = stream_->kAhead * point.v.cwiseAbs();
+  stream_->move_to(point.x.cwiseMax(reference.joint.q - most).cwiseMin(reference.joint.q + most));
 }
 
 bool StreamJointVelocity::step(const Cycle& cycle, double time, Reference& reference) noexcept {
@@ -81,6 +90,19 @@ bool StreamCartesianVelocity::step(const Cycle& cycle, double time, Reference& r
   pose.velocity = point.v;
   pose.acceleration = point.a;
   return false;
+}
+
+void StreamCartesianVelocity::held_back(const Reference& reference) noexcept {
+  const auto& point = stream_->point();
+  const auto ahead = [&](const Vector3& way, const Vector3& velocity) {
+    const double most = stream_->kAhead * velocity.norm(), length = way.norm();
+    return length > most ? Vector3(most / length * way) : way;
+  };
+  const CartesianReference& now = reference.cartesian;
+  VelocityStream<6>::Vector x = point.x;
+  x.head<3>() = now.position + ahead(point.x.head<3>() - now.position, point.v.head<3>());
+  stream_->move_to(x);
+  orientation_ = exp(ahead(log(orientation_ * now.orientation.conjugate()), point.v.tail<3>())) * now.orientation;
 }
 
 bool StreamCartesianVelocity::limited() const noexcept { return stream_->limited(); }

@@ -28,11 +28,12 @@ class StreamJointVelocity : public Stream {
   Channels fills() const noexcept override { return Channels::kJoint; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
+  void held_back(const Reference& reference) noexcept override;
   bool limited() const noexcept override;
 
  private:
   std::unique_ptr<VelocityStream<models::kJoints>> stream_;
-  Vector7 q_min_, q_max_;  // rad
+  Vector7 rest_min_, rest_max_, q_min_, q_max_;  // rad
   bool at_end_ = false;    // of a joint's range
 };
 
@@ -48,6 +49,7 @@ class StreamCartesianVelocity : public Stream {
   Channels fills() const noexcept override { return Channels::kPose; }
   void start(const Reference& from) noexcept override;
   bool step(const Cycle&, double time, Reference& reference) noexcept override;
+  void held_back(const Reference& reference) noexcept override;
   bool limited() const noexcept override;
 
  private:

@@ -33,6 +33,10 @@ class TrajectoryGenerator : public Part {
   // start() on.
   virtual bool shortened() const noexcept { return false; }
 
+  // Limits, walls or an arm that is held were in the way of the last step: the reference is here. What sums up velocities goes on from
+  // about there, or it would have to come back first.
+  virtual void held_back(const Reference&) noexcept {}
+
   // Whether what comes while it runs asked for more in the last step than limits allow.
   virtual bool limited() const noexcept { return false; }
 

@@ -55,17 +55,23 @@ class VelocityStream {
     if (!planned_) return out_;
     std::array<double, N> x, v, a;
     planner_.trajectory.at_time(std::max(time - plan_start_, 0.0), x, v, a);
-    out_ = {Vector::Map(x.data()), Vector::Map(v.data()), Vector::Map(a.data())};
+    out_ = {Vector::Map(x.data()) + shift_, Vector::Map(v.data()), Vector::Map(a.data())};
     return out_;
   }
+
+  // The last point.
+  const Point& point() const { return out_; }
+
+  // Of what is held back no more is ahead than it makes in so long.
+  static constexpr double kAhead = 0.1;  // s
 
   // Whether the newest velocity is beyond the rates.
   bool limited() const { return limited_; }
 
   // Goes on from another place with the same motion.
   void move_to(const Vector& x) {
+    shift_ += x - out_.x;
     out_.x = x;
-    plan();
   }
 
  private:
@@ -89,6 +95,7 @@ class VelocityStream {
       planner_.in.current_acceleration[i] = out_.a[i];
     }
     plan_start_ = time_;
+    shift_.setZero();
     planned_ = planner_.plan();
   }
 
@@ -97,6 +104,7 @@ class VelocityStream {
   RuckigPlanner<N> planner_;
   Point out_;
   Vector wish_ = Vector::Zero();
+  Vector shift_ = Vector::Zero();  // of what is planned
   double time_ = 0, plan_start_ = 0;  // s
   double clock_ = 0, heard_ = 0;      // s of the robot's time: of the last point, and of the last velocity
   bool moves_ = false, planned_ = false, limited_ = false;
