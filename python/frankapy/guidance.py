@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from frankapy.progress import progress
 from frankapy.states import StateStream
 from frankapy.validation import number
 
+_LEFT = 1.0  # s, for what came before a stop
 FIELDS = ["robot.message_id", "robot.q", "robot.O_T_EE", "skill_id"]  # of the states that a demonstration is made of
 
 
@@ -41,20 +44,27 @@ def held(
 
 
 def shown(states: StateStream, motion: Motion | None, duration: float, stop: Callable[[], None]) -> list[proto.ArmState]:
-    """Return the states of a motion until its end; Ctrl-C ends it by `stop`."""
+    """Return the states of a motion until its end; Ctrl-C ends it by `stop`, and what has come until then is read still."""
     if motion is None:
         raise FrankaArmException("Nothing runs in which the arm could be led.")
     rows: list[proto.ArmState] = []
+
+    def read(until: float = math.inf) -> Iterator[proto.ArmState]:
+        for state in states:
+            if state.skill_id == motion.id:
+                rows.append(state)
+                yield state
+            elif rows or time.monotonic() > until:  # or it was stopped before there was any
+                return
+
     try:
         with progress(duration, "demonstrate", unit="s") as bar:
-            for state in states:
-                if state.skill_id == motion.id:
-                    rows.append(state)
-                    bar.update(0.001)
-                elif rows:
-                    break
+            for _ in read():
+                bar.update(0.001)
     except KeyboardInterrupt:
         stop()
+        for _ in read(until=time.monotonic() + _LEFT):
+            pass
     return rows
 
 

@@ -118,9 +118,9 @@ class Motions:
         sequence = self.sequence
         if sequence is not None and preempt:
             raise FrankaArmArgumentError("preempt=True is not for motions of a sequence, which wait for each other.")
-        # What has ended is told of first; in a sequence none that failed cancels what comes behind it.
-        is_done = self.is_done() if sequence is None or not sequence.motions else True
-        if not is_done and sequence is None and not preempt:
+        # What has ended is told of first, and where it failed does not cancel a sequence that comes behind it.
+        is_first = not preempt and (sequence is None or not sequence.motions)
+        if is_first and not self.is_done() and sequence is None:
             raise FrankaArmArgumentError(
                 "Cannot send another command when the previous skill is active! fa.wait_for_skill() waits for its end, "
                 "fa.stop_skill() stops it, fa.run(..., preempt=True) takes over from it"

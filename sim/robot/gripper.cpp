@@ -117,7 +117,8 @@ std::array<double, 2> Gripper::control(const std::array<double, 2>& finger) {
 
 void Gripper::follow_up(double x, double v) {
   if (task_ == Task::kHold) return;
-  const bool drawn = std::abs(reference_ - x) >= 0.98 * force_ / kStiffness;
+  // By what is in the way of where it goes, and not by what it has held until then.
+  const bool drawn = std::abs(reference_ - x) >= 0.98 * force_ / kStiffness && (goal_ - x) * (reference_ - x) > 0;
   const bool there = std::abs(goal_ - reference_) < 1e-9;
   still_ = (drawn || there) && std::abs(v) < kStillVelocity ? still_ + 1 : 0;
   if (still_ < kStill) return;

@@ -236,6 +236,7 @@ void Robot::advance_phase(const fci::RobotCommand* command) {
       brake();
       if (!user_stop_ && enabled_ && !locked_ && desired_.dq.isZero(0)) {
         phase_ = fci::any(state_.errors) ? Phase::kReflex : Phase::kIdle;
+        desired_.ddq.setZero();
       }
       break;
     case Phase::kGuiding: rest_at(sensors_.q); break;
@@ -419,7 +420,10 @@ void Robot::begin_braking(bool from_reference) {
 }
 
 void Robot::brake() {
-  if (desired_.dq.isZero(0)) return;
+  if (desired_.dq.isZero(0)) {
+    desired_.ddq.setZero();
+    return;
+  }
   const Vector before = desired_.dq;
   const Vector step = kDt * vector(checks_.limits().ddq_max);
   const Vector dq = before - before.cwiseMax(-step).cwiseMin(step);

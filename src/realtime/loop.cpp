@@ -34,6 +34,7 @@ const Vector7 kFaultStiffness = 5 * kFaultDamping;
 constexpr double kLagging = 0.15, kHeld = 0.3;
 constexpr double kReach = 0.5;  // m that a tool moves when a joint turns by a radian, about
 constexpr double kStill = 0.1;  // rad/s of an arm that is held, and does not only lag
+constexpr std::int64_t kSoon = 1'000'000'000;  // ns to a skill's start time, for which the motion before is held on
 
 // Torque by which the robot's own law may leap when a motion begins, a share of what a joint can give.
 constexpr double kLeap = 0.2;
@@ -274,8 +275,10 @@ void Loop::change_skill() noexcept {
     }
   }
   if (in_motion() && skill_ == nullptr) {
-    const bool prepares = may_begin() && !(next_waits() && fits_motion(*next_));
-    if (prepares || quit_ || faulty_ || state_.message_id >= hold_until_) {
+    const bool fits = next_ != nullptr && fits_motion(*next_);
+    const bool prepares = may_begin() && !(next_waits() && fits);
+    const bool begins_soon = fits && next_->start_ns - driver_.received_ns() < kSoon;
+    if (prepares || quit_ || faulty_ || (state_.message_id >= hold_until_ && !begins_soon)) {
       leave_motion();
     } else if (phase_ == Phase::kBraking && gate_.at_rest()) {
       hold();  // what it was left for has been stopped
@@ -977,6 +980,7 @@ void Loop::begin_again() noexcept {
   const int left = begins_for_ - 1;
   next_ = std::exchange(skill_, nullptr);
   holder_ = nullptr;
+  for (const auto& input : next_->inputs) input->begin_again();
   begin_motion();
   begins_for_ = left;
 }

@@ -16,7 +16,7 @@ namespace realtime {
 // A sensor message as the loop sees it: the numbers of its fields in their order, of each repeated field as many as its rule
 // says; NaN for what was not given.
 struct SensorSample {
-  static constexpr std::size_t kMost = 40;  // numbers
+  static constexpr std::size_t kMost = 48;  // numbers: of 8 sensors for 6 dimensions
 
   int message = 0;             // which of SensorInput::messages() it is
   std::int64_t sent_ns = 0;    // by the publisher's clock; 0: not said, or of no use: an arm in lockstep
@@ -55,7 +55,12 @@ class SensorInput {
     return has_room;
   }
   // The loop's: its skill begins, or is still waited for, at this ms of the robot's clock.
-  void begin(std::uint64_t now) noexcept { begun_.store(now, std::memory_order_relaxed); }
+  void begin(std::uint64_t now) noexcept {
+    begun_.store(now, std::memory_order_relaxed);
+    first_ = reader_.position();
+  }
+  // It begins anew: what it has taken since is taken again.
+  void begin_again() noexcept { reader_ = bridge::RingReader<SensorSample>(ring_, first_); }
   // When that was; 0: it has not.
   std::uint64_t begun() const noexcept { return begun_.load(std::memory_order_relaxed); }
   // The oldest that is still there and was not taken yet, into `sample`; false when there is none.
@@ -92,6 +97,7 @@ class SensorInput {
   static constexpr std::size_t kRoom = 255;  // messages
   bridge::Ring<SensorSample> ring_{kRoom + 1};
   bridge::RingReader<SensorSample> reader_{ring_};
+  std::uint64_t first_ = 0;  // of the ring, that was not taken when it began
   std::atomic<std::uint64_t> taken_{0};  // of the ring, from its first
   std::atomic<std::uint64_t> outdated_{0};
   std::atomic<std::uint64_t> begun_{0};  // ms of the robot's clock

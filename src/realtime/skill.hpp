@@ -52,7 +52,7 @@ struct Change {
   std::unique_ptr<Controller> controller;           // torque goes on where it is; null: no change
   std::vector<std::unique_ptr<Termination>> terminations;
   bool changes_terminations = false;
-  std::vector<std::shared_ptr<SensorInput>> inputs;  // of the parts that are given
+  std::vector<std::shared_ptr<SensorInput>> inputs;  // of all parts that the skill then has
   KindNumbers numbers;  // of the parts that are given
   bool done = false;  // by the loop; else the skill had ended
 };

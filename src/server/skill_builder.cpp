@@ -84,9 +84,9 @@ std::string text_of(const Reference& reference) {
 }
 
 // Where of the way from start to goal, for people.
-std::string place(int sample) {
-  return sample == kPathSamples ? "its goal" : fmt::format("its path, {:.0f} % on", 100.0 * sample / kPathSamples);
-}
+// After that share of its duration.
+std::string place(double share) { return share == 1 ? "its goal" : fmt::format("its path, {:.0f} % on", 100 * share); }
+std::string place(int sample) { return place(static_cast<double>(sample) / kPathSamples); }
 
 constexpr const char* kOtherWay = "go there by joints (goto_joints), or begin from a posture farther from it";
 
@@ -304,6 +304,16 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
   const double duration = trajectory->duration();
   Reference reference;
   Vector7 outside;  // of the limits; an arm that begins there may come back
+  const auto look = [&](double share) {
+    for (int i = 0; i < 7; ++i) {
+      const double q = reference.joint.q[i];
+      const double excess = std::max(limits_.q_min[i] - q, q - limits_.q_max[i]);
+      if (share == 0) outside[i] = std::max(excess, 0.0);
+      if (excess <= outside[i] + kJointTolerance) continue;
+      refuse(fmt::format("{}: joint {} would be at {:.4f} rad at {}: expected {} to {} rad, the limits of this arm",
+                         kind, i + 1, q, place(share), limits_.q_min[i], limits_.q_max[i]));
+    }
+  };
   Vector7 before = from.joint.q;
   double length = 0;
   for (int sample = 0; sample <= kPathSamples; ++sample) {
@@ -311,14 +321,7 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
     if (sample == kPathSamples) reference = trajectory->goal();
     length += (reference.joint.q - before).lpNorm<1>();
     before = reference.joint.q;
-    for (int i = 0; i < 7; ++i) {
-      const double q = reference.joint.q[i];
-      const double excess = std::max(limits_.q_min[i] - q, q - limits_.q_max[i]);
-      if (sample == 0) outside[i] = std::max(excess, 0.0);
-      if (excess <= outside[i] + kJointTolerance) continue;
-      refuse(fmt::format("{}: joint {} would be at {:.4f} rad at {}: expected {} to {} rad, the limits of this arm",
-                         kind, i + 1, q, place(sample), limits_.q_min[i], limits_.q_max[i]));
-    }
+    look(static_cast<double>(sample) / kPathSamples);
   }
   if (!trajectory->has_end()) return;
   // Joints within their own limits may move EE faster than the robot allows: then they are slowed down there.
@@ -327,6 +330,7 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
   realtime::Vector3 last;
   for (int sample = 0; sample <= samples; ++sample) {
     trajectory->step(cycle, duration * sample / samples, reference);
+    if (sample > 0) look(static_cast<double>(sample) / samples);
     const realtime::Vector3 here = model_->O_T_EE(reference.joint.q).translation();
     const double speed = sample == 0 ? 0 : (here - last).norm() * samples / duration;
     last = here;

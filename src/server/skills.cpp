@@ -240,6 +240,10 @@ void Skills::begin_change(Build& build) {
   }
   parts->inputs = listening.all();
   sensors_.bind(change.skill_id(), parts->inputs, false, build.from.who.name, changing_->message.publishers());
+  for (const auto part : {&Listening::trajectory, &Listening::controller, &Listening::terminations}) {
+    const auto& before = running.listening.*part;
+    if (!(listening.*part) && before) parts->inputs.insert(parts->inputs.end(), before->begin(), before->end());
+  }
   door_.change.put(std::move(parts));
 }
 

@@ -120,6 +120,80 @@ TEST_P(ForceControllers, an_admittance_that_stays_forgets_how_far_it_was_led) {
   EXPECT_LT(held.cwiseAbs().maxCoeff(), 2) << "which a spring of 50 mm would not be";
 }
 
+TEST_P(ForceControllers, an_admittance_does_not_go_where_its_arm_cannot) {
+  Admittance law(floating(0));
+  const Reference reference = pose_reference(arm);
+  Reference moved = reference;
+  law.start(arm.cycle, moved);
+  Vector7 tau;
+  const auto force = [&](double felt, int ms) {  // of an arm that something holds, along y; N
+    arm.state.O_F_ext_hat_K = {0, -felt, 0, 0, 0, 0};
+    for (int n = 0; n < ms; ++n) law.step(arm.cycle, reference, tau);
+    const realtime::Matrix67& J = arm.model.jacobian();
+    return (J * J.transpose()).ldlt().solve(J * (tau - arm.model.coriolis())).eval()[1];
+  };
+  const double pulled = force(20, 3000);
+  EXPECT_GT(pulled, 50);
+  EXPECT_LT(pulled, 150) << "of 2000 N/m, 5 cm away";
+  EXPECT_LT(force(-20, 600), 0) << "and comes back as soon as it is pulled back";
+}
+
+TEST_P(ForceControllers, an_integral_of_the_joints_is_stable_at_its_fastest_on_any_spring) {
+  for (const double K : {20., 100., 600.}) {
+    for (const bool ratio : {true, false}) {
+      SimulatedArm fresh(GetParam(), kMotors);
+      JointImpedance::Parameters parameters{Vector7::Constant(K), Vector7::Constant(std::sqrt(K))};
+      if (ratio) parameters.damping_ratio = 0.7;
+      parameters.integral_rate = 10;
+      parameters.integral_limit = 20;
+      JointImpedance law(parameters, fresh.model.mass());
+      Reference reference;
+      reference.motion = Channels::kJoint;
+      reference.joint.q = fresh.q;
+      law.start(fresh.cycle, reference);
+      reference.joint.q += Vector7::Constant(0.05);
+      Vector7 tau;
+      for (int n = 0; n < 40'000; ++n) {
+        law.step(fresh.cycle, reference, tau);
+        fresh.step(tau);
+      }
+      EXPECT_LT(fresh.dq.norm(), 5e-3) << K << (ratio ? ", of a ratio" : "");
+      EXPECT_LT((fresh.q - reference.joint.q).norm(), 5e-3) << K << (ratio ? ", of a ratio" : "");
+    }
+  }
+}
+
+TEST_P(ForceControllers, the_stiffest_gains_of_EE_are_held_anywhere) {
+  ForcePosition::Parameters parameters = mixed(Vector6::Ones(), true);
+  parameters.position_kps_cart << Vector3::Constant(3000), Vector3::Constant(300);
+  for (const auto& q : {Vector7(Vector7::Map(models::kHome.data())), (Vector7() << 0, 0.5, 0, -1.5, 0, 2.0, 0.8).finished(),
+                        (Vector7() << 0, 0.3, 0, -1.9, 0, 2.5, 0.8).finished()}) {
+    SimulatedArm fresh(GetParam(), kMotors);
+    fresh.q = q;
+    fresh.observe();
+    ForcePosition law(parameters, fresh.model.mass());
+    Reference reference = pose_reference(fresh);
+    law.start(fresh.cycle, reference);
+    fresh.dq[6] = 0.1;
+    fresh.observe();
+    Vector7 tau;
+    for (int n = 0; n < 3000; ++n) {
+      law.step(fresh.cycle, reference, tau);
+      fresh.step(tau);
+    }
+    EXPECT_LT(fresh.dq.norm(), 5e-3) << q.transpose();
+  }
+}
+
+TEST_P(ForceControllers, where_there_is_no_spring_no_arm_is_led) {
+  auto parameters = mixed(Vector6::Ones(), true);
+  parameters.position_kps_cart[2] = 0;
+  parameters.selection[4] = 0.5;
+  const ForcePosition law(parameters);
+  const Vector6 way = Vector6::Ones();
+  EXPECT_EQ(law.led_pose(arm.cycle, way), (Vector6() << 1, 1, 0, 1, 1, 1).finished());
+}
+
 // --- a wrench ------------------------------------------------------------------------------------------------------------
 
 TEST_P(ForceControllers, the_torque_of_a_wrench_does_its_work) {

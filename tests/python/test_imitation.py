@@ -435,6 +435,16 @@ def test_what_the_arm_cannot_do_is_said_before(fa):
     assert "not reachable" in away.beyond(fa, goal=[1.2, 0, 0.5])[0]
 
 
+def test_strokes_that_leave_the_range_between_two_looks_are_refused(fa):
+    times = np.linspace(0, 8, 801)
+    joints = np.tile(HOME, (801, 1))
+    joints[:, 3] -= 0.45 * (1 - np.cos(2 * np.pi * times))
+    primitive = dmp.fit(Demonstration(times, joints), basis=80)
+    fa.goto_joints(HOME, 1)
+    with pytest.raises(FrankaArmArgumentError, match=r"joint 4 would be at -3\.\d+ rad at its path"):
+        fa.check(primitive.part(), InternalImpedance())
+
+
 def test_it_is_done_as_often_as_asked_and_looked_at_before_anything_moves(fa, ideal_arm):
     primitive = dmp.fit(bow(), "joint")
     goal = primitive.start + [0, 0.1, 0, 0, 0, 0, 0.2]

@@ -44,6 +44,7 @@ class MockRobot : public robot::Driver {
   std::array<int, 8> ticks = {1, 1, 1, 1, 1, 1, 1, 1};  // ms of the next states, in turn
   std::uint64_t leap = 0;  // ms that its clock shows more from the next state on, though no time has passed
   int lose = 0;  // of the next commands
+  std::int64_t received = 0;  // ns, when the last state came
   Vector7 yields = Vector7::Zero();  // rad that the arm is away from q_d while the robot's own law holds it, until torques do
   Vector7 load = Vector7::Zero();  // N m that pull at the arm under torque, unknown to the robot
   bool locked = false;             // something holds the arm, whatever the torque
@@ -110,7 +111,7 @@ class MockRobot : public robot::Driver {
     return robot::Received::kState;
   }
 
-  std::int64_t received_ns() const noexcept override { return 0; }
+  std::int64_t received_ns() const noexcept override { return received; }
 
   void send(const fci::RobotCommand& sent) noexcept override {
     if (sent.message_id != state.message_id) return;  // late

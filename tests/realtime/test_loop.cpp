@@ -287,6 +287,7 @@ class LoopTest : public testing::Test {
     skill->settings = settings;
     skill->trajectory = std::move(trajectory);
     skill->controller = std::move(controller);
+    skill->inputs = skill->trajectory->sensor_inputs();
     if (termination) skill->terminations.push_back(std::move(termination));
     door_put(std::move(skill));
     return given;
@@ -1445,6 +1446,7 @@ TEST_F(LoopTest, AVelocityStreamEndsWhenItIsLetGoWhateverHasHeldItBack) {
       SensorSample sample;
       sample.values[pose ? 3 : 2] = velocity;  // along y, or of joint 1
       for (int i = 0; i < ms; ++i) {
+        sample.came = robot.state.message_id;
         if (i % 10 == 0) input->put(sample);
         cycle();
       }
@@ -1482,6 +1484,7 @@ TEST_F(LoopTest, AStreamComesBackFromWhereItsArmWasHeld) {
     SensorSample sample;
     Vector7::Map(sample.values.data() + 2) = home + way * Vector7::Unit(0);
     for (int i = 0; i < ms; ++i) {
+      sample.came = robot.state.message_id;
       if (i % 20 == 0) input->put(sample);
       cycle();
       farthest = std::max(farthest, last.reference.joint.q[0] - home[0]);
@@ -1496,6 +1499,50 @@ TEST_F(LoopTest, AStreamComesBackFromWhereItsArmWasHeld) {
   robot.locked = false;
   ASSERT_TRUE(until_result());
   judge = false;  // the mock's torque rate in float32
+}
+
+TEST_F(LoopTest, WhatCameBeforeAFirstCommandThatIsLostIsNotLostWithIt) {
+  for (const int lost : {0, 1, 2}) {
+    SCOPED_TRACE(lost);
+    auto stream =
+        std::make_unique<StreamJoint>(StreamJoint::Parameters{.topic = "plan", .delay = {}, .timeout = {}, .speed = 1}, robot.limits);
+    const Vector7 goal = robot.q() + 0.05 * Vector7::Unit(3);
+    SensorSample sample;
+    sample.message = 2;  // JointChunk
+    sample.lead = 0.4;
+    sample.came = robot.state.message_id;
+    Vector7::Map(sample.values.data()) = goal;
+    stream->sensor_inputs().at(0)->put(sample);
+    robot.lose = lost;
+    give(std::move(stream), std::make_unique<Internal>(), {}, std::make_unique<AfterTime>(2));
+    ASSERT_TRUE(until_result());
+    EXPECT_NEAR((robot.q() - goal).norm(), 0, 1e-4);
+    ASSERT_TRUE(until(Phase::kIdle));
+  }
+}
+
+TEST_F(LoopTest, AMotionIsHeldOnForWhatBeginsSoon) {
+  const auto cycle_of_clock = [&] {
+    robot.received += 1'000'000;
+    return cycle();
+  };
+  give_internal();
+  while (last.phase != Phase::kHolding) ASSERT_TRUE(cycle_of_clock());
+  for (int n = 0; n < 1990; ++n) cycle_of_clock();
+  auto skill = std::make_unique<Skill>();
+  skill->id = ++given;
+  ++in_work;
+  skill->mode = kInternalJoint;
+  skill->trajectory = by(0.1, 0.3);
+  skill->controller = std::make_unique<Internal>();
+  skill->start_ns = robot.received + 20'000'000;
+  door_put(std::move(skill));
+  for (int n = 0; n < 25; ++n) cycle_of_clock();
+  EXPECT_EQ(last.phase, Phase::kRunning);
+  EXPECT_EQ(last.skill_id, 2u);
+  while (results_seen < 2) ASSERT_TRUE(cycle_of_clock());
+  EXPECT_EQ(posted(fci::Command::kMove), 1);
+  EXPECT_EQ(robot.uncommanded, 0);
 }
 
 TEST_F(LoopTest, APoseOfOnesOwnIsAboutOne) {

@@ -735,6 +735,29 @@ TEST_F(TransportTest, ARobotThatIsLostWhileItRecoversLeavesNobodyWaiting) {
   EXPECT_EQ(result.recovery().obstacle(), proto::NOT_CONNECTED);
 }
 
+TEST_F(TransportTest, AChangeHasTheInputsOfThePartsThatStay) {
+  auto a = client();
+  proto::StreamJoint stream;
+  stream.set_topic("goal");
+  const auto id = a.start(skill_of(stream, proto::JointImpedance())).skill_started().skill_id();
+  auto skill = take();
+  record_.skill_id = id;
+  publish();
+  proto::Request request;
+  request.mutable_change_skill()->set_skill_id(id);
+  request.mutable_change_skill()->mutable_controller()->PackFrom(proto::JointImpedance());
+  a.send(request);
+  std::unique_ptr<realtime::Change> change;
+  while (!change) change.reset(door_.change.take());
+  ASSERT_EQ(change->inputs.size(), 1u);
+  EXPECT_EQ(change->inputs[0], skill->inputs.at(0));
+  change->done = true;
+  door_.changed.push(change.release());
+  EXPECT_TRUE(a.receive().has_done());
+  finish(std::move(skill));
+  EXPECT_TRUE(a.receive().has_skill_result());
+}
+
 TEST_F(TransportTest, AChangeThatComesTooLateLeavesNoListener) {
   auto a = client();
   const auto id = a.start(skill_).skill_started().skill_id();

@@ -205,6 +205,7 @@ TEST_P(BehaviourOf, TheUserStopEndsAMotionAndRefusesOthersUntilItIsLetGo) {
     EXPECT_GT(reported(rig.state().dq).norm(), 0.2);  // it brakes, and does not stop dead
     rig.wait(0.3);
     EXPECT_LT(reported(rig.state().dq).norm(), 0.02);
+    EXPECT_EQ(reported(rig.state().ddq_d).norm(), 0);  // and is held, without a torque that would accelerate it
     expect_refused(Status::kNotPossible);
     EXPECT_EQ(rig.robot.recover(), Status::kNotPossible);
     const Joints stopped = rig.q();

@@ -172,6 +172,17 @@ TEST(Gripper, PressesWithTheForceThatIsAskedForUpToAllThatItHas) {
   }
 }
 
+TEST(Gripper, OpensSlowlyWhatItHasHeldStrongly) {
+  DrivenArm arm("fr3", lockstep(true));
+  RawGripper hand(arm);
+  sim::World& world = arm.cell().world();
+  const auto& T = world.truth().O_T_TCP;
+  world.add_object({.name = "post", .size = {0.02, 0.04, 0.02}, .pose = {T[12], T[13], T[14], 1, 0, 0, 0}});
+  ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 70}), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Move{0.06, 0.005}), Status::kSuccess);
+  EXPECT_NEAR(hand.fresh().width, 0.06, 1e-3);
+}
+
 // The data sheet's 140 N are not for ever; its 70 N are.
 TEST(Gripper, PressesHardUntilItIsWarm) {
   const std::array<double, 2> held = {0.02, 0.02};

@@ -1,5 +1,7 @@
 #include "realtime/controllers/admittance.hpp"
 
+#include <algorithm>
+
 #include "realtime/check.hpp"
 #include "realtime/controllers/felt_wrench.hpp"
 #include "realtime/rotation.hpp"
@@ -8,6 +10,7 @@ namespace realtime {
 namespace {
 
 constexpr double kNullspaceStiffness = 10;  // N m/rad
+constexpr double kAhead = 0.05, kTurnedAhead = 0.2;  // m, rad
 
 }  // namespace
 
@@ -36,6 +39,14 @@ void Admittance::stay() noexcept {
   velocity_.setZero();
 }
 
+// As far from where the arm is led to as it has followed there, and a little: what is in the way of the arm is in that of x, which would
+// have to come back first. Where the arm is: from the reference.
+void Admittance::stay_near(const Vector3& position, const Eigen::Quaterniond& orientation) noexcept {
+  const auto within = [](const Vector3& way, double most) { return Vector3(most / std::max(way.norm(), most) * way); };
+  position_ = position + within(position_ - position, kAhead);
+  orientation_ = (exp(within(log(orientation_ * orientation.conjugate()), kTurnedAhead)) * orientation).normalized();
+}
+
 void Admittance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   const Parameters& p = parameters_;
   const double dt = cycle.dt;
@@ -48,10 +59,18 @@ void Admittance::step(const Cycle& cycle, const Reference& reference, Vector7& t
                   .cwiseQuotient(p.mass + dt * p.damping + dt * dt * p.stiffness);
   position_ += dt * velocity_.head<3>();
   orientation_ = (exp(dt * velocity_.tail<3>()) * orientation_).normalized();
+  const CartesianReference& pose = reference.cartesian;
+  const Eigen::Quaterniond turned = Eigen::Quaterniond(cycle.O_T_EE.linear()) * pose.orientation.conjugate();
+  stay_near(cycle.O_T_EE.translation() - pose.position, turned);
 
   Reference moved = reference;
+  // x turns what the reference does as well.
+  const Vector3 turning = orientation_ * pose.velocity.tail<3>();
+  const Vector3 turning_faster = orientation_ * pose.acceleration.tail<3>() + velocity_.tail<3>().cross(turning);
+  moved.cartesian.velocity.tail<3>() = turning;
+  moved.cartesian.acceleration.tail<3>() = turning_faster;
   moved.cartesian.position += position_;
-  moved.cartesian.orientation = orientation_ * reference.cartesian.orientation;
+  moved.cartesian.orientation = orientation_ * pose.orientation;
   moved.cartesian.velocity += velocity_;
   moved.cartesian.acceleration += (velocity_ - before) / dt;
   follower_.step(cycle, moved, tau_J_d);

@@ -12,6 +12,7 @@ namespace realtime {
 // impedance control: Hogan, Impedance control, J. Dynamic Systems, Measurement, and Control 107(1), 1985; Ott, Mukherjee,
 // Nakamura, Unified impedance and admittance control, ICRA 2010). The estimate is some 10 ms old, so a light mass against a
 // stiff surface swings: choose d great enough there.
+// x is at most 5 cm and 0.2 rad ahead of where the arm has followed: it does not run into what keeps the arm.
 class Admittance : public Controller {
  public:
   struct Parameters {
@@ -37,6 +38,8 @@ class Admittance : public Controller {
   void step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept override;
 
  private:
+  void stay_near(const Vector3& position, const Eigen::Quaterniond& orientation) noexcept;
+
   Parameters parameters_;
   CartesianImpedance follower_;
   Vector3 position_ = Vector3::Zero();  // x

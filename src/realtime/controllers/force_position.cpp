@@ -20,6 +20,7 @@ constexpr double kDamping = 1e-4;        // of J J^T
 constexpr double kTurning = 5;           // 1/m: rad/s for m/s
 constexpr double kNullspaceDamping = 5;  // N m s/rad
 constexpr double kLeastMobility = 1e-3;  // 1/kg, 1/(kg m²)
+constexpr double kFastestDamping = 400;  // 1/s: no axis is damped faster, as torque comes a cycle late
 // How far start() moves the reference, m and rad.
 constexpr double kMaxShift = 0.1, kMaxTurn = 0.5;
 
@@ -101,6 +102,12 @@ void ForcePosition::start(const Cycle& cycle, Reference& reference) noexcept {
 
 bool ForcePosition::all_position() const noexcept { return (gains_.now().segment<6>(kSelection).array() == 1).all(); }
 
+Vector6 ForcePosition::led_pose(const Cycle&, const Vector6& way) const noexcept {
+  if (!use_cartesian_gains_) return way;
+  const Gains& gains = gains_.now();
+  return (gains.segment<6>(kSelection).cwiseProduct(gains.segment<6>(kPositionCart)).array() > 0).select(way, 0);
+}
+
 void ForcePosition::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   gains_.step();
   const Gains& gains = gains_.now();
@@ -117,13 +124,16 @@ void ForcePosition::step(const Cycle& cycle, const Reference& reference, Vector7
   const Cholesky<6> solver(JJt);
 
   Vector6 force = Vector6::Zero(), missing = Vector6::Zero();
+  const Cholesky<models::kJoints> M(cycle.model.mass());
+  const auto inertia_along = [&](int i) {
+    const Vector7 torque = J.row(i).transpose();
+    return 1 / std::max(torque.dot(M.solve(torque)), kLeastMobility);
+  };
   if (!all_position()) {
     const Vector6 felt = felt_wrench(cycle);
-    const Cholesky<models::kJoints> M(cycle.model.mass());
     for (int i = 0; i < 6; ++i) {
       if (S[i] == 1) continue;
-      const Vector7 torque = J.row(i).transpose();
-      const double inertia = 1 / std::max(torque.dot(M.solve(torque)), kLeastMobility);
+      const double inertia = inertia_along(i);
       const double gain = use_cartesian_gains_ ? gains[kForceCart + i] : 0;
       const double integral = kIntegral * (use_cartesian_gains_ ? gain : force_kps_joint.mean());
       const double v_max = (i < 3 ? 1 : kTurning) * max_speed_;
@@ -136,7 +146,9 @@ void ForcePosition::step(const Cycle& cycle, const Reference& reference, Vector7
 
   if (use_cartesian_gains_) {
     const auto K = gains.segment<6>(kPositionCart);
-    force += S.cwiseProduct(K.cwiseProduct(e) + 2 * K.cwiseSqrt().cwiseProduct(pose.velocity - v));
+    Vector6 D = 2 * K.cwiseSqrt();
+    for (int i = 0; i < 6; ++i) D[i] = std::min(D[i], kFastestDamping * inertia_along(i));
+    force += S.cwiseProduct(K.cwiseProduct(e) + D.cwiseProduct(pose.velocity - v));
     const Vector7 moving_EE = J.transpose() * solver.solve(v);
     tau_J_d.noalias() = J.transpose() * force;
     tau_J_d -= kNullspaceDamping * (cycle.dq - moving_EE);

@@ -12,7 +12,8 @@ namespace realtime {
 
 // The hybrid law of frankapy: each axis of O is controlled in position, in force, or in parts in both. S is 1 for position,
 // felt the estimate of what EE exerts, wrench the trajectory's. With gains of EE
-//   tau_J_d = J^T (S (K e + 2 sqrt(K) (v_ref - v)) + (1 - S) F) + coriolis
+//   tau_J_d = J^T (S (K e + D (v_ref - v)) + (1 - S) F) + coriolis
+// with D = 2 sqrt(K), or less where the delay of the loop does not allow it.
 // F is a ForceServo with the force gains, and 10 1/s of them for the integral. With gains of the joints
 //   tau_J_d = K_q J^+ S e + 2 sqrt(K_q) (J^+ S v_ref - dq) + J^T (1 - S) F + k_f J^T (1 - S) (wrench - felt) + coriolis
 // F is without its proportional part then, and what is missing of the wrench no more than ForceServo allows in free space.
@@ -41,6 +42,7 @@ class ForcePosition : public Controller {
   Channels takes() const noexcept override { return Channels::kPose | Channels::kWrench; }
   bool tracks() const noexcept override { return !gains_.changes() && all_position(); }
   robot::Mode mode(Channels) const noexcept override { return robot::kTorque; }
+  Vector6 led_pose(const Cycle&, const Vector6& way) const noexcept override;
 
   // Moves the reference pose along axes of position.
   void start(const Cycle& cycle, Reference& reference) noexcept override;

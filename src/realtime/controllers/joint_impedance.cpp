@@ -20,6 +20,9 @@ constexpr double kMaxShift = 0.2;
 constexpr double kFastestDamping = 400;
 // Cycles after which gains are found anew for where the arm is.
 constexpr int kGainsAge = 16;
+constexpr double kNoMode = 1e-6;  // 1/s², of a mode without a spring
+constexpr double kIntegralShare = 0.25;  // of the least damping, that the integral's rate may be
+constexpr double kAsAsked = 0.01;        // N m, between what was asked for and what left
 
 }  // namespace
 
@@ -53,6 +56,9 @@ void JointImpedance::find_gains(const Matrix7& mass) noexcept {
     stiffness_ = parameters_.stiffness;
     keep_holdable(joint_mobility(mass) / parameters_.inertia_scale, stiffness_, damping);
     damping_ = damping.asDiagonal();
+    // No mode of these joints is damped less than the one whose inertia all of its row adds to (Gershgorin).
+    const Vector7 inertia = parameters_.inertia_scale * felt_inertia(mass).cwiseAbs().rowwise().sum();
+    least_damping_ = (stiffness_.array() > 0).select(damping.cwiseQuotient(inertia), kFastestDamping).minCoeff();
     return;
   }
   const Cholesky<models::kJoints> inertia(parameters_.inertia_scale * felt_inertia(mass));
@@ -63,12 +69,14 @@ void JointImpedance::find_gains(const Matrix7& mass) noexcept {
   const SymmetricEigen<models::kJoints> modes(half.lazyProduct(half.transpose()));
   const Vector7 rate =
       (2 * *parameters_.damping_ratio * modes.values.cwiseMax(0).cwiseSqrt()).cwiseMin(kFastestDamping);
+  least_damping_ = (modes.values.array() > kNoMode).select(rate, kFastestDamping).minCoeff();
   const Matrix7 root = inertia.L().lazyProduct(modes.vectors);
   damping_ = root.lazyProduct(rate.asDiagonal() * root.transpose());
 }
 
 void JointImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
   integral_.setZero();
+  asked_ = cycle.tau_J_d;
   find_gains(cycle.model.mass());
   Vector7 tau;
   torque(cycle, reference.joint, tau);
@@ -82,11 +90,18 @@ void JointImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
 void JointImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   if (++gains_age_ >= kGainsAge) find_gains(cycle.model.mass());
   if (parameters_.integral_rate > 0) {
+    const bool held_back = (cycle.tau_J_d - asked_).cwiseAbs().maxCoeff() > kAsAsked;
+    const double rate = std::min(parameters_.integral_rate, kIntegralShare * least_damping_);
     const Vector7 e = reference.joint.q - cycle.q;
-    integral_ += parameters_.integral_rate * cycle.dt * parameters_.stiffness.cwiseProduct(e);
-    integral_ = integral_.cwiseMax(-parameters_.integral_limit).cwiseMin(parameters_.integral_limit);
+    const Vector7 next = (integral_ + rate * cycle.dt * stiffness_.cwiseProduct(e))
+                             .cwiseMax(-parameters_.integral_limit)
+                             .cwiseMin(parameters_.integral_limit);
+    for (int i = 0; i < models::kJoints; ++i) {
+      if (!held_back || std::abs(next[i]) < std::abs(integral_[i])) integral_[i] = next[i];
+    }
   }
   torque(cycle, reference.joint, tau_J_d);
+  asked_ = tau_J_d;
 }
 
 void JointImpedance::torque(const Cycle& cycle, const JointReference& r, Vector7& tau_J_d) noexcept {

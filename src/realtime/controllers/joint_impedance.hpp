@@ -15,7 +15,8 @@ namespace realtime {
 // s scales the inertia that a hand feels, links and all: s M ddq~ = K e + D de + tau of the hand (Ott, Cartesian impedance
 // control of redundant and flexible-joint robots, Springer 2008, ch. 3). tau_ext, what the joints exert, is the robot's
 // estimate, which is some 10 ms old: what is faster is felt as without.
-// i is the sum of r K e dt, bounded: with friction the arm then comes to its reference.
+// i is the sum of r K e dt, bounded: with friction the arm then comes to its reference. r is at most a quarter of the least damped
+// mode's damping, and i does not grow while another torque leaves than is asked for (as of CartesianImpedance).
 class JointImpedance : public Controller {
  public:
   struct Parameters {
@@ -50,7 +51,9 @@ class JointImpedance : public Controller {
   Vector7 stiffness_;         // N m/rad, that is held
   Matrix7 damping_;           // N m s/rad
   int gains_age_ = 0;         // cycles
+  double least_damping_ = 0;            // 1/s, of the modes that have a spring
   Vector7 integral_ = Vector7::Zero();  // N m
+  Vector7 asked_ = Vector7::Zero();     // N m, in the cycle before
 };
 
 }  // namespace realtime

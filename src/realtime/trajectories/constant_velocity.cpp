@@ -113,7 +113,9 @@ void JointVelocity::start(const Reference& from) noexcept {
   shortened_ = false;
   for (int i = 0; i < models::kJoints; ++i) {
     const double reachable = std::clamp(goal_.joint.q[i], rest_min(limits_, i), rest_max(limits_, i));
-    shortened_ |= dq_[i] != 0 && reachable != goal_.joint.q[i];
+    if (dq_[i] == 0) continue;
+    shortened_ |= reachable != goal_.joint.q[i];
+    goal_.joint.q[i] = reachable;
   }
 }
 
