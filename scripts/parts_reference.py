@@ -53,7 +53,7 @@ def table_of_fits() -> list[str]:
     lines = [
         "\n## What fits\n",
         "The robot controllers in which they run together; `auto` takes the first. A controller that is told to exert a force",
-        "along an axis, or to have no stiffness there, runs in `torque` alone.\n",
+        "along an axis, or an Admittance without stiffness there, runs in `torque` alone.\n",
         "| | " + " | ".join(", ".join(names) for names in columns.values()) + " |",
         "|---" * (len(columns) + 1) + "|",
     ]

@@ -73,7 +73,7 @@ void Cell::run_cycle() {
   }
   for (std::size_t i = 0; i < stations_.size(); ++i) {
     Station& station = *stations_[i];
-    station.waits = !goes_on && time_ == Time::kPaused && station.robot.state().robot_mode == fci::RobotMode::kMove;
+    station.waits = !goes_on && time_ == Time::kPaused && station.robot.moving();
     if (goes_on) {
       station.robot.sense(world_.truth(i));
     } else if (!station.waits) {
@@ -118,8 +118,9 @@ void Cell::receive_commands() {
   for (auto& station : stations_) station->command = nullptr;
   if (!lockstep_) return keep_pace();
   serve();
-  for (auto& station : stations_) {
-    if (station->robot.asynchronous()) station->command = station->robot_server.receive();
+  // Also of arms that are not waited for: one whose motion is to begin while another's runs. What comes in a pause stays where it is.
+  if (time_ != Time::kPaused || steps_ > 0) {
+    for (auto& station : stations_) station->command = station->robot_server.receive();
   }
   if (!awaited()) {
     // A command whose loss is known is not waited for.

@@ -621,7 +621,7 @@ def JointImpedance(
         inertia_scale: 0.5 to 4, default 1.0. Of the inertia that a hand feels to that of the arm; other than 1 by what the
             robot estimates that its joints exert.
         integral_rate: 1/s, 0 to 10, default 0.0. An integral of rate K (q_ref - q), bounded: it takes away what friction
-            leaves.
+            leaves. It stands still while limits hold the torque back, and is slowed where the stiffness asks for that.
         integral_limit: N m, 0 to 20, default 5.0.
     """
 
@@ -693,9 +693,9 @@ def Admittance(
     impedance follows. Translation along, rotation about the axes of O. Without stiffness the arm stays where it is led.
 
     Args:
-        mass: 6 numbers, kg, kg m^2, 0.01 to 100, default 10 10 10 0.5 0.5 0.5.
-        damping: 6 numbers, N s/m, N m s/rad, 0 to 2000, default 100 100 100 5 5 5.
-        stiffness: 6 numbers, N/m, N m/rad, 0 to 3000, default 0 0 0 0 0 0.
+        mass: 6 numbers, kg, kg m^2, 0.01 to 100, default 10 10 10 0.5 0.5 0.5. 0.5 to 100 kg and 0.01 to 10 kg m^2.
+        damping: 6 numbers, N s/m, N m s/rad, 0 to 2000, default 100 100 100 5 5 5. At most 200 N m s/rad.
+        stiffness: 6 numbers, N/m, N m/rad, 0 to 3000, default 0 0 0 0 0 0. At most 300 N m/rad.
         translational_tracking: N/m, 100 to 3000, default 2000.0. Stiffness of what follows.
         rotational_tracking: N m/rad, 10 to 300, default 200.0.
     """
@@ -795,7 +795,7 @@ def HybridForcePosition(
         force_axes: 6 numbers, 1: force, 0: motion, 0 to 1, default 0 0 0 0 0 0. 1: EE exerts the force along, or the torque
             about, this axis of the frame; 0: it follows the reference.
         force: 6 numbers, N, N m, -100 to 100, default 0 0 0 0 0 0. Along and about the axes of the frame, to which the
-            wrench of the trajectory is added.
+            wrench of the trajectory is added; torques of at most 20 N m.
         frame: base | end_effector, default base.
         translational_stiffness: 3 numbers, N/m, 0 to 3000, default 1500 1500 1500.
         rotational_stiffness: 3 numbers, N m/rad, 0 to 300, default 100 100 100.

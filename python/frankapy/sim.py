@@ -193,7 +193,7 @@ class Simulation(ControlChannel):
         processors = sorted(os.sched_getaffinity(0))
         if len(processors) < 2:
             return None, "lockstep = true\n"
-        first = len(self.addresses)
+        first = 2 * len(self.addresses)
         loop = processors[(first + 1) % len(processors)]
         return processors[first % len(processors)], f"lockstep = true\nprocessor = {loop}\n"
 

@@ -163,6 +163,35 @@ TEST_P(ForceControllers, an_integral_of_the_joints_is_stable_at_its_fastest_on_a
   }
 }
 
+TEST_P(ForceControllers, an_lqr_is_stable_where_the_arm_is_lighter_than_it_was) {
+  const models::Limits limits = models::limits(models::arm(GetParam()), 5);
+  for (const double weight : {0.05, 0.02, 0.007}) {
+    Lqr::Parameters hard = weights();
+    hard.torque_weight.setConstant(weight);
+    for (int k = 0; k < 30; ++k) {
+      SimulatedArm fresh(GetParam(), kMotors);
+      Lqr law(hard, fresh.model.mass());
+      for (int i = 0; i < 7; ++i) {
+        const double share = std::uniform_real_distribution<>(0.1, 0.9)(random);
+        fresh.q[i] = limits.q_min[i] + share * (limits.q_max[i] - limits.q_min[i]);
+      }
+      fresh.dq.setConstant(0.02);
+      fresh.observe();
+      Reference reference;
+      reference.motion = Channels::kJoint;
+      reference.joint.q = fresh.q;
+      Vector7 tau;
+      double fastest = 0;
+      for (int n = 0; n < 600 && fastest < 1; ++n) {
+        law.step(fresh.cycle, reference, tau);
+        fresh.step(tau);
+        if (n > 400) fastest = std::max(fastest, fresh.dq.cwiseAbs().maxCoeff());
+      }
+      EXPECT_LT(fastest, 5e-3) << weight << " at " << reference.joint.q.transpose();
+    }
+  }
+}
+
 TEST_P(ForceControllers, the_stiffest_gains_of_EE_are_held_anywhere) {
   ForcePosition::Parameters parameters = mixed(Vector6::Ones(), true);
   parameters.position_kps_cart << Vector3::Constant(3000), Vector3::Constant(300);

@@ -414,4 +414,18 @@ TEST(WallTimeProgram, RefusesInOneLineWhatItCannotDo) {
   EXPECT_TRUE(first.runs());
 }
 
+TEST(Pause, AMotionThatItsClientHasLeftThereIsOverForTheNext) {
+  DrivenArm arm("fr3", lockstep(true));
+  auto client = std::make_unique<RawClient>(arm, 10);
+  client->start({});
+  arm.cell().set_time(sim::Cell::Time::kPaused);
+  client.reset();
+  for (int n = 0; n < 20; ++n) arm.cycle();
+  RawClient next(arm, 10);
+  const std::uint64_t before = next.state.message_id;
+  next.receive();
+  EXPECT_GT(next.state.message_id, before);
+  EXPECT_NE(next.state.robot_mode, fci::RobotMode::kMove);
+}
+
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <stdexcept>
 
 #include "models/arm.hpp"
@@ -15,6 +16,9 @@ namespace {
 using Eigen::MatrixXd;
 
 constexpr double kMaxShift = 0.2;  // rad, of q_ref
+constexpr double kFastest = 400;   // 1/s: no velocity is damped faster, as torque comes a cycle late
+constexpr int kAge = 16;           // cycles after which that is looked at anew
+constexpr int kFirstSteps = 100;
 constexpr int kDoublings = 40;     // of the horizon: 2^40 cycles, were it not over long before
 
 // P of the discrete algebraic Riccati equation; after n steps that of a horizon of 2^n cycles.
@@ -61,6 +65,7 @@ Lqr::Lqr(const Parameters& parameters, const Matrix7& mass) {
   K_ = gains.leftCols<n>();
   D_ = gains.rightCols<n>();
   K_inverse_ = Eigen::PartialPivLU<MatrixXd>(K_).inverse();
+  for (int n = 0; n < kFirstSteps; ++n) find_fastest(mobility);
 
   // With the torque of the cycle before as a further state.
   MatrixXd loop = MatrixXd::Zero(3 * n, 3 * n);
@@ -69,6 +74,14 @@ Lqr::Lqr(const Parameters& parameters, const Matrix7& mass) {
     throw std::invalid_argument("position_weight, velocity_weight and torque_weight make a loop that is not stable with "
                                 "torque a cycle late: expected a torque_weight that is greater in relation to the others");
   }
+}
+
+// The rate of the fastest of M^-1 D, a step nearer (power iteration); and what of the gains a loop can hold with it.
+void Lqr::find_fastest(const Matrix7& mobility) noexcept {
+  const Vector7 next = mobility.lazyProduct(D_.lazyProduct(fastest_));
+  const double rate = next.norm();
+  if (rate > 0) fastest_ = next / rate;
+  share_ = std::min(1., kFastest / std::max(rate, kFastest));
 }
 
 void Lqr::start(const Cycle& cycle, Reference& reference) noexcept {
@@ -80,8 +93,13 @@ void Lqr::start(const Cycle& cycle, Reference& reference) noexcept {
 
 void Lqr::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   const JointReference& r = reference.joint;
+  if (++age_ >= kAge) {
+    age_ = 0;
+    find_fastest(joint_mobility(cycle.model.mass()));
+  }
   tau_J_d.noalias() = K_ * (r.q - cycle.q);
   tau_J_d.noalias() += D_ * (r.dq - cycle.dq);
+  tau_J_d *= share_;
   tau_J_d.noalias() += cycle.model.mass() * r.ddq;
   tau_J_d += cycle.model.coriolis();
 }

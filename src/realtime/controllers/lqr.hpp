@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cmath>
+
 #include "realtime/arm.hpp"
 #include "realtime/controllers/controller.hpp"
 
@@ -12,7 +14,8 @@ namespace realtime {
 // [K D], full matrices, minimise the sum of x^T Q x + u^T R u over its cycles: K, D = (R + B^T P B)^-1 B^T P A, and P solves
 // the discrete algebraic Riccati equation P = A^T P (I + B R^-1 B^T P)^-1 A + Q, here by structure-preserving doubling (Chu,
 // Fan, Lin, Wang, Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations, Int. J. Control
-// 77(8), 2004). Weights whose loop would not be stable with torque a cycle late are refused.
+// 77(8), 2004). Weights whose loop would not be stable with torque a cycle late are refused; where the arm is lighter later than it
+// was there, K and D are made less together, as far as a loop can hold them.
 class Lqr : public Controller {
  public:
   struct Parameters {
@@ -35,7 +38,12 @@ class Lqr : public Controller {
   const Matrix7& D() const noexcept { return D_; }  // N m s/rad
 
  private:
+  void find_fastest(const Matrix7& mobility) noexcept;
+
   Matrix7 K_, D_, K_inverse_;
+  Vector7 fastest_ = Vector7::Constant(1 / std::sqrt(7.));  // direction of the joints that is damped the fastest
+  double share_ = 1;                                        // of K and D
+  int age_ = 0;                                             // cycles
 };
 
 }  // namespace realtime
