@@ -71,7 +71,6 @@ void Recovery::after_error(const realtime::SkillResult& result, const realtime::
   const bool same = result.record && result.record == failed_in_;
   failed_in_ = result.record;
   if (!same) failed_under_ = policy;
-  never_ = failed_under_.who() == Policy::NEVER;
   // The robot may have ended the motion, and take another.
   if (record.phase != realtime::Phase::kError && record.phase != realtime::Phase::kConnecting) {
     proto::Recovery out;
@@ -86,7 +85,7 @@ void Recovery::after_error(const realtime::SkillResult& result, const realtime::
 
 void Recovery::after(realtime::Ending ending) {
   if (ending == realtime::Ending::kCancelled) return;  // it has not begun
-  never_ = false;
+  failed_under_.Clear();
   if (ending == realtime::Ending::kTerminated) in_a_row_ = 0;
 }
 
@@ -225,7 +224,7 @@ Recovery::Who Recovery::who_may(Cause cause, const proto::RecoveryPolicy& policy
 
 // Whoever asks.
 Recovery::Who Recovery::who_may(Cause cause) const {
-  return never_ && cause != Cause::kUserStop ? Policy::NEVER : lab(cause);  // who has pressed the stop was at the robot
+  return failed_under_.who() == Policy::NEVER && cause != Cause::kUserStop ? Policy::NEVER : lab(cause);  // who has pressed the stop was at the robot
 }
 
 proto::Recovery Recovery::not_recovered(const realtime::Record& record, Who who) const {

@@ -73,9 +73,8 @@ class Recovery {
   const MoveBack move_back_;
   std::vector<Waiting> waiting_;  // for the loop
   bool moving_back_ = false;
-  bool never_ = false;     // says the skill that failed last
-  std::optional<std::uint64_t> failed_in_;  // its record
-  frankapy::proto::RecoveryPolicy failed_under_;
+  std::optional<std::uint64_t> failed_in_;        // record of the skill that failed last
+  frankapy::proto::RecoveryPolicy failed_under_;  // what it says, until another ends otherwise
   bool stopped_ = false;   // while it recovered
   unsigned in_a_row_ = 0;  // by itself, without a skill between that has ended by itself
 };

@@ -83,8 +83,7 @@ std::string text_of(const Reference& reference) {
                                               : numbers(reference.cartesian.position) + " m";
 }
 
-// Where of the way from start to goal, for people.
-// After that share of its duration.
+// Where of the way from start to goal, after that share of its duration, for people.
 std::string place(double share) { return share == 1 ? "its goal" : fmt::format("its path, {:.0f} % on", 100 * share); }
 std::string place(int sample) { return place(static_cast<double>(sample) / kPathSamples); }
 

@@ -451,22 +451,18 @@ def test_a_signal_stops_a_skill_that_has_not_been_confirmed_yet(server, script, 
     assert child.returncode == status
 
 
-@pytest.mark.parametrize("block", [True, False])
-def test_ctrl_c_stops_the_skill_of_a_coroutine(server, script, block):
+NOTEBOOK = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # each of its cells begins so
+
+
+@pytest.mark.parametrize(
+    ("block", "how"),
+    [(True, {"program": IN_A_LOOP}), (False, {"program": IN_A_LOOP}), (False, {"first": NOTEBOOK})],
+    ids=["coroutine waits", "coroutine", "notebook"],
+)
+def test_ctrl_c_stops_a_skill_where_a_framework_has_its_own_handler(server, script, block, how):
     server.skill_time = 60
-    child = script(f"goto_joints({HOME}, 1, block={block})", program=IN_A_LOOP)
+    child = script(f"goto_joints({HOME}, 1, block={block})", **how)
     wait_until_sent(child, server, "start_skill", block)
-    child.send_signal(signal.SIGINT)
-    output, _ = child.communicate(timeout=300)
-    assert "interrupted" in output
-    assert server.calls("stop_skill")
-
-
-def test_ctrl_c_stops_the_skill_of_a_notebook(server, script):
-    server.skill_time = 60
-    # Each of its cells begins so.
-    child = script(f"goto_joints({HOME}, 1, block=False)", first="signal.signal(signal.SIGINT, signal.default_int_handler)")
-    wait_until_sent(child, server, "start_skill", block=False)
     child.send_signal(signal.SIGINT)
     output, _ = child.communicate(timeout=300)
     assert "interrupted" in output

@@ -273,10 +273,15 @@ def test_of_a_file_that_is_damaged_only_that_part_is_missing(tmp_path, capsys):
 
 def test_what_cannot_be_written_is_said(recorded, tmp_path, capsys):
     _, recording = recorded
-    for command, *to in (["export", "a.csv"], ["export", "a.parquet"], ["plot", "--save", "a.png"]):
+    missing = "No such file or directory"
+    for why, command, *to in (
+        (missing, "export", "a.csv"),
+        (missing, "export", "a.parquet"),
+        (f"there is no folder {tmp_path / 'no'}", "plot", "--save", "a.png"),
+    ):
         to[-1] = str(tmp_path / "no" / to[-1])
         assert cli.main([command, str(recording.path), *to]) == 1
-        assert f"{to[-1]} cannot be written: " in capsys.readouterr().err
+        assert f"{to[-1]} cannot be written: {why}" in capsys.readouterr().err
 
 
 def test_garbage_is_no_message():

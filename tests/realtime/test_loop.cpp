@@ -243,6 +243,14 @@ class LoopTest : public testing::Test {
       ++retired;
       door.retired.pop();
     }
+    while (Bounds* const* taken = door.taken_bounds.front()) {
+      delete *taken;
+      door.taken_bounds.pop();
+    }
+    while (Walls* const* former = door.former_walls.front()) {
+      delete *former;
+      door.former_walls.pop();
+    }
     while (const RecoveryResult* result = door.recoveries.front()) {
       recoveries.push_back(*result);
       door.recoveries.pop();
@@ -1466,10 +1474,6 @@ TEST_F(LoopTest, AVelocityStreamEndsWhenItIsLetGoWhateverHasHeldItBack) {
     EXPECT_LT((where() - turned).dot((there - began).normalized()), -0.005) << "and comes back at once";
     ASSERT_TRUE(until_result());
   }
-  while (Bounds* const* taken = door.taken_bounds.front()) {
-    delete *taken;
-    door.taken_bounds.pop();
-  }
 }
 
 TEST_F(LoopTest, AStreamComesBackFromWhereItsArmWasHeld) {
@@ -1571,10 +1575,6 @@ TEST_F(LoopTest, WhoSeeksAGoalThatAWallIsInTheWayOfEndsBeforeIt) {
   EXPECT_EQ(results[0].ending, Ending::kTerminated);
   EXPECT_EQ(results[0].termination, -1) << "which has not fired";
   EXPECT_GT(results[0].left.joints.value_or(0), 0.1);
-  while (Walls* const* former = door.former_walls.front()) {
-    delete *former;
-    door.former_walls.pop();
-  }
 }
 
 TEST_F(LoopTest, APathThatIsFasterThanTheJointsIsWaitedFor) {

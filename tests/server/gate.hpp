@@ -14,7 +14,7 @@ namespace server {
 // While it lives and until it is opened, whoever makes a trajectory of that kind waits in its constructor.
 class Gate {
  public:
-  explicit Gate(const std::string& kind = "StayJoint")
+  explicit Gate(const std::string& kind)
       : kind_(*std::find_if(trajectories().begin(), trajectories().end(), [&](const auto& each) { return each.name == kind; })) {
     make_ = kind_.make;
     kind_.make = [this](const google::protobuf::Any& any, const realtime::Arm& arm) {

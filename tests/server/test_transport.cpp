@@ -345,6 +345,7 @@ struct Gated {
 };
 class GatedTransportTest : public Gated, public TransportTest {
  protected:
+  explicit GatedTransportTest(const std::string& kind = "StayJoint") : Gated{Gate(kind)} {}
   void TearDown() override { gate.open(); }
 };
 
@@ -694,12 +695,9 @@ TEST_F(TransportTest, JointsOutsideTheirRangeAreMovedBackSlowly) {
   EXPECT_NE(by_hand.message().find("joint 4 is 0.0050 rad outside its range"), std::string::npos) << by_hand.message();
 }
 
-struct GatedMotions {
-  Gate gate{"MinJerkJoint"};
-};
-class GatedRecoveryTest : public GatedMotions, public TransportTest {
+class GatedRecoveryTest : public GatedTransportTest {
  protected:
-  void TearDown() override { gate.open(); }
+  GatedRecoveryTest() : GatedTransportTest("MinJerkJoint") {}
 };
 
 TEST_F(GatedRecoveryTest, AnArmThatIsLostBeforeItWasMovedBackIsNotMovedLater) {

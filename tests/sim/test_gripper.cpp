@@ -152,12 +152,17 @@ TEST(Gripper, TakesABlockFromTheTableAndLiftsIt) {
 }
 
 // A post of 4 cm between the fingers, which does not give way.
-TEST(Gripper, PressesWithTheForceThatIsAskedForUpToAllThatItHas) {
-  DrivenArm arm("fr3", lockstep(true));
-  RawGripper hand(arm);
+sim::World& with_post(DrivenArm& arm) {
   sim::World& world = arm.cell().world();
   const auto& T = world.truth().O_T_TCP;
   world.add_object({.name = "post", .size = {0.02, 0.04, 0.02}, .pose = {T[12], T[13], T[14], 1, 0, 0, 0}});
+  return world;
+}
+
+TEST(Gripper, PressesWithTheForceThatIsAskedForUpToAllThatItHas) {
+  DrivenArm arm("fr3", lockstep(true));
+  RawGripper hand(arm);
+  sim::World& world = with_post(arm);
   for (const double force : {10., 70., 100., 140.}) {
     ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, force}), Status::kSuccess) << force;
     for (int i = 0; i < 10; ++i) hand.newest();
@@ -175,9 +180,7 @@ TEST(Gripper, PressesWithTheForceThatIsAskedForUpToAllThatItHas) {
 TEST(Gripper, OpensSlowlyWhatItHasHeldStrongly) {
   DrivenArm arm("fr3", lockstep(true));
   RawGripper hand(arm);
-  sim::World& world = arm.cell().world();
-  const auto& T = world.truth().O_T_TCP;
-  world.add_object({.name = "post", .size = {0.02, 0.04, 0.02}, .pose = {T[12], T[13], T[14], 1, 0, 0, 0}});
+  with_post(arm);
   ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 70}), Status::kSuccess);
   EXPECT_EQ(hand.ask(gripper::Move{0.06, 0.005}), Status::kSuccess);
   EXPECT_NEAR(hand.fresh().width, 0.06, 1e-3);

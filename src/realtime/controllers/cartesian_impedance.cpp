@@ -6,6 +6,8 @@
 
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
+#include "realtime/controllers/fastest_damping.hpp"
+#include "realtime/controllers/integral.hpp"
 #include "realtime/controllers/joint_friction.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/symmetric_eigen.hpp"
@@ -21,8 +23,6 @@ constexpr double kLeastMobility = 1e-3;
 // 1/kg (1/(kg m²)), what EE's mobilities sum to in series: 0.055 at home, 0.044 folded, 0.033 with the elbow bent by 1 rad, 0.008
 // by 0.67. From the first on the joints are held in what hardly moves EE; the second is what then counts as hardly.
 constexpr double kNearlySingular = 0.02, kHardly = 0.05;
-// 1/s: no mode is damped faster, as torque comes a cycle late.
-constexpr double kFastestDamping = 400;
 // Cycles after which the modes are found anew.
 constexpr int kModesAge = 8;
 // N m/rad: a null space without stiffness is damped like one with this.
@@ -34,10 +34,8 @@ constexpr double kMaxTurn = 0.5;
 constexpr double kMaxPostureShift = 0.5;
 constexpr double kPostureFade = 0.999;  // a cycle, of what the posture is shifted by
 
-constexpr double kIntegralShare = 0.25;  // of the least damping, that an integral's rate may have
 constexpr double kNoMode = 1e-2;         // 1/s: less is the damping of a direction without stiffness
 constexpr double kIntegralFade = 0.99;   // a cycle, of an integral whose stiffness a message has taken away
-constexpr double kAsAsked = 1e-6;        // N m
 
 constexpr std::size_t kFirst = 2;  // of the stiffness in its message
 
@@ -269,14 +267,10 @@ Vector7 CartesianImpedance::along(const Cycle& cycle, const Vector7& way) const 
 
 void CartesianImpedance::integrate(const Cycle& cycle, const Vector6& spring) noexcept {
   if (integral_rate_ == 0) return;
-  const bool held_back = (cycle.tau_J_d - asked_).cwiseAbs().maxCoeff() > kAsAsked;
-  const double step = std::min(integral_rate_, kIntegralShare * least_damping_) * cycle.dt;
   for (int i = 0; i < 6; ++i) {
-    double& sum = integral_[i];
-    if (stiffness_.now()[i] == 0) sum *= kIntegralFade;
-    const double next = std::clamp(sum + step * spring[i], -integral_limit_[i], integral_limit_[i]);
-    if (!held_back || std::abs(next) < std::abs(sum)) sum = next;
+    if (stiffness_.now()[i] == 0) integral_[i] *= kIntegralFade;
   }
+  realtime::integrate(cycle, asked_, spring, integral_rate_, least_damping_, integral_limit_, integral_);
 }
 
 }  // namespace realtime

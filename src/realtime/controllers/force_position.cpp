@@ -5,6 +5,7 @@
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
+#include "realtime/controllers/fastest_damping.hpp"
 #include "realtime/controllers/felt_wrench.hpp"
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
@@ -20,7 +21,6 @@ constexpr double kDamping = 1e-4;        // of J J^T
 constexpr double kTurning = 5;           // 1/m: rad/s for m/s
 constexpr double kNullspaceDamping = 5;  // N m s/rad
 constexpr double kLeastMobility = 1e-3;  // 1/kg, 1/(kg m²)
-constexpr double kFastestDamping = 400;  // 1/s: no axis is damped faster, as torque comes a cycle late
 // How far start() moves the reference, m and rad.
 constexpr double kMaxShift = 0.1, kMaxTurn = 0.5;
 

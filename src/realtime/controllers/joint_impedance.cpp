@@ -6,6 +6,8 @@
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
+#include "realtime/controllers/fastest_damping.hpp"
+#include "realtime/controllers/integral.hpp"
 #include "realtime/controllers/joint_friction.hpp"
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
@@ -16,13 +18,9 @@ namespace {
 
 // rad; what a soft joint would need beyond this is left to the torque limiter.
 constexpr double kMaxShift = 0.2;
-// 1/s: no mode is damped faster, as torque comes a cycle late.
-constexpr double kFastestDamping = 400;
 // Cycles after which gains are found anew for where the arm is.
 constexpr int kGainsAge = 16;
 constexpr double kNoMode = 1e-6;  // 1/s², of a mode without a spring
-constexpr double kIntegralShare = 0.25;  // of the least damping, that the integral's rate may be
-constexpr double kAsAsked = 0.01;        // N m, between what was asked for and what left
 
 }  // namespace
 
@@ -90,15 +88,9 @@ void JointImpedance::start(const Cycle& cycle, Reference& reference) noexcept {
 void JointImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
   if (++gains_age_ >= kGainsAge) find_gains(cycle.model.mass());
   if (parameters_.integral_rate > 0) {
-    const bool held_back = (cycle.tau_J_d - asked_).cwiseAbs().maxCoeff() > kAsAsked;
-    const double rate = std::min(parameters_.integral_rate, kIntegralShare * least_damping_);
-    const Vector7 e = reference.joint.q - cycle.q;
-    const Vector7 next = (integral_ + rate * cycle.dt * stiffness_.cwiseProduct(e))
-                             .cwiseMax(-parameters_.integral_limit)
-                             .cwiseMin(parameters_.integral_limit);
-    for (int i = 0; i < models::kJoints; ++i) {
-      if (!held_back || std::abs(next[i]) < std::abs(integral_[i])) integral_[i] = next[i];
-    }
+    const Vector7 spring = stiffness_.cwiseProduct(reference.joint.q - cycle.q);
+    const Vector7 limit = Vector7::Constant(parameters_.integral_limit);
+    integrate(cycle, asked_, spring, parameters_.integral_rate, least_damping_, limit, integral_);
   }
   torque(cycle, reference.joint, tau_J_d);
   asked_ = tau_J_d;

@@ -7,6 +7,7 @@
 
 #include "models/arm.hpp"
 #include "realtime/check.hpp"
+#include "realtime/controllers/fastest_damping.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/tick.hpp"
 
@@ -16,7 +17,6 @@ namespace {
 using Eigen::MatrixXd;
 
 constexpr double kMaxShift = 0.2;  // rad, of q_ref
-constexpr double kFastest = 400;   // 1/s: no velocity is damped faster, as torque comes a cycle late
 constexpr int kAge = 16;           // cycles after which that is looked at anew
 constexpr int kFirstSteps = 100;
 constexpr int kDoublings = 40;     // of the horizon: 2^40 cycles, were it not over long before
@@ -81,7 +81,7 @@ void Lqr::find_fastest(const Matrix7& mobility) noexcept {
   const Vector7 next = mobility.lazyProduct(D_.lazyProduct(fastest_));
   const double rate = next.norm();
   if (rate > 0) fastest_ = next / rate;
-  share_ = std::min(1., kFastest / std::max(rate, kFastest));
+  share_ = std::min(1., kFastestDamping / std::max(rate, kFastestDamping));
 }
 
 void Lqr::start(const Cycle& cycle, Reference& reference) noexcept {
