@@ -1,7 +1,7 @@
 """The socket to an arm's process, in a thread of its own: requests and their answers.
 
 The thread alone touches the socket. Callers hand it requests through a deque and a pipe (both safe in signal
-handlers) and wait on events. While this client commands the arm, the thread says so every 0.2 s, whatever the script
+handlers) and wait on events. While this client commands the arm or records, the thread says so every 0.2 s, whatever the script
 is doing.
 """
 
@@ -267,7 +267,7 @@ class Channel:
             self._key.use_for(dealer)
         dealer.connect(self.endpoint)
         pending = self._pending
-        commands = False  # whether this client may have the lease
+        heard = False  # whether this client may have the lease, or wants a recording
         shortest_trip = 0.0  # s; 0: none yet
         unanswered_since: float | None = None
         next_alive = 0.0
@@ -288,7 +288,7 @@ class Channel:
 
         while not reason:
             now = time.monotonic()
-            wait = max(0.0, next_alive - now) if commands or pending else None
+            wait = max(0.0, next_alive - now) if heard or pending else None
             ready = dict(poller.poll(None if wait is None else int(1000 * wait) + 1))
             if self._wake_read in ready:
                 os.read(self._wake_read, 4096)
@@ -298,7 +298,7 @@ class Channel:
                     dealer.send(proto.Request(request_id=0, goodbye=proto.Goodbye()).SerializeToString())
                     reason = "This connection was closed."
                     break
-                commands = commands or is_command(call.request)
+                heard = heard or is_command(call.request) or call.request.record.on
                 transmit(call)
             while dealer.poll(0):
                 reply = parse_reply(dealer.recv())
@@ -327,7 +327,7 @@ class Channel:
                     f"tells; an arm's process that crashed is started again within 2 s."
                 )
             now = time.monotonic()
-            if (commands or pending) and now >= next_alive:
+            if (heard or pending) and now >= next_alive:
                 next_alive = now + _ALIVE_PERIOD
                 alive = proto.Request(request_id=next(self._ids), alive=proto.Alive())
                 transmit(Call(alive))

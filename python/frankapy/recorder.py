@@ -33,10 +33,12 @@ def recording(server: Connection) -> Iterator[Callable[[], proto.RecordingStatus
                 return  # one that records all the time does not end
             time.sleep(0.01)
 
+    inside = True
     before = ask(on=True).states
     try:
         wait(lambda status: status.open and status.states != before)
-        yield ask
+        yield lambda: ask(on=True if inside else None)  # asked again: this client may have had to connect anew
     finally:
+        inside = False
         ask(on=False)
         wait(lambda status: not status.open)

@@ -65,11 +65,17 @@ void Clients::take_lease(const Address& from) {
 
 bool Clients::expire_lease() {
   if (commander_.empty()) return false;
-  const auto holder = clients_.find(commander_);
-  if (holder != clients_.end() && now_ - holder->second.last_heard < lease_time_) return false;
-  if (holder != clients_.end()) spdlog::info("{} is silent: the arm is free", holder->second.name);
+  if (!is_silent(commander_)) return false;
+  if (const auto holder = clients_.find(commander_); holder != clients_.end()) {
+    spdlog::info("{} is silent: the arm is free", holder->second.name);
+  }
   commander_.clear();
   return true;
+}
+
+bool Clients::is_silent(const std::string& client) const {
+  const auto known = clients_.find(client);
+  return known == clients_.end() || now_ - known->second.last_heard >= lease_time_;
 }
 
 void Clients::describe(proto::ServerStatus& status) const {

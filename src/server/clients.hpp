@@ -44,6 +44,8 @@ class Clients {
   void take_lease(const Address& from);
   // Whether the one that had it has lost it by its silence.
   bool expire_lease();
+  // Whether it has gone, or been silent for as long.
+  bool is_silent(const std::string& client) const;
 
   void describe(frankapy::proto::ServerStatus& status) const;
 

@@ -78,9 +78,16 @@ bool Journal::read(std::uint64_t& place, Entry& entry, std::uint64_t& lost) cons
     lost += begin - place;
     place = begin;
   }
-  if (place >= header_->end) return false;
+  const std::uint64_t end = header_->end;
+  if (place >= end) return false;
   Head head;
   get(place, &head, sizeof head);
+  // Overwritten by what its process died of: where another entry would begin is not known.
+  if (end - place > kBytes || head.size() > end - place) {
+    lost += end - place;
+    place = end;
+    return false;
+  }
   entry.time_ns = head.time_ns;
   entry.sent_ns = head.sent_ns;
   entry.sequence = head.sequence;

@@ -38,7 +38,7 @@ class Journal {
   std::uint64_t end() const;
   std::uint64_t begin() const;
   // The entry at a place, which is moved on to the next; false when there is none yet. A place that was overwritten is moved to
-  // the oldest; `lost` grows by the bytes between.
+  // the oldest, and one at which no entry can be to the end; `lost` grows by the bytes between.
   bool read(std::uint64_t& place, Entry& entry, std::uint64_t& lost) const;
 
  private:

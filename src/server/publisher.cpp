@@ -40,7 +40,7 @@ Publisher::Publisher(zmq::context_t& context, const Listen& listen, std::uint16_
   socket_.set(zmq::sockopt::sndhwm, kSendQueue);
   socket_.set(zmq::sockopt::rcvhwm, kSubscriptionsAhead);
   socket_.set(zmq::sockopt::maxmsgsize, kLongestSubscription);
-  socket_.set(zmq::sockopt::xpub_verbose, 0);
+  socket_.set(zmq::sockopt::xpub_verboser, 1);
   endpoint_ = bind(socket_, listen, port);
   connections_.emplace(context, socket_);
   thread_ = std::thread([this] { run(); });
@@ -56,7 +56,6 @@ void Publisher::run() {
   std::uint64_t lost = 0;  // told of
   auto told = std::chrono::steady_clock::now();
   while (!quit_) {
-    connections_->look();
     take_subscriptions();
     while (records_.next(record)) {
       count_late(record);
@@ -72,35 +71,48 @@ void Publisher::run() {
   }
 }
 
-// XPUB tells who subscribes: a first byte of 1, or 0 for the end of it; only first and last of a topic.
+// XPUB tells of each subscription and each cancel: a first byte of 1 or 0, and which connection it came from. When a connection
+// ends, it cancels what that had, from none.
 void Publisher::take_subscriptions() {
+  const auto look = [this] { connections_->look([this](int fd) { asked_.erase(fd); }); };
+  look();
   zmq::message_t message;
   while (socket_.recv(message, zmq::recv_flags::dontwait)) {
+    look();  // or what the one before had under this number would count
     if (message.size() == 0) continue;
     const int fd = zmq_msg_get(message.handle(), ZMQ_SRCFD);
-    if (*message.data<std::uint8_t>() > 1) {  // what is no subscription would never end
+    const std::uint8_t what = *message.data<std::uint8_t>();
+    std::string text(message.data<char>() + 1, message.size() - 1);
+    // What changes nothing would never end.
+    if (what > 1 || (fd >= 0 && (what == 1 ? !asked_[fd].insert(text).second : asked_[fd].erase(text) == 0))) {
       hang_up(fd, endpoint_);
       refuse(message.to_string());
       continue;
     }
-    std::string text(message.data<char>() + 1, message.size() - 1);
     if (text.ends_with('\0')) text.pop_back();
-    const auto known = topics_.find(text);
-    if (*message.data<char>() == 0) {
-      if (known != topics_.end() && --known->second.wanted == 0) topics_.erase(known);
-      unserved_.erase(text);
-    } else if (known != topics_.end()) {
-      ++known->second.wanted;
-    } else if (auto topic = parse(text); topic && topics_.size() < kMostTopics) {
-      topics_[text] = std::move(*topic);
-    } else {
-      if (unserved_.size() < kMostUnserved) {
-        unserved_.insert(text);
-      } else {
-        hang_up(fd, endpoint_);
-      }
-      refuse(text);
-    }
+    what == 1 ? subscribe(text, fd) : cancel(text);
+  }
+}
+
+void Publisher::subscribe(const std::string& text, int fd) {
+  if (const auto known = topics_.find(text); known != topics_.end()) {
+    ++known->second.wanted;
+  } else if (const auto unserved = unserved_.find(text); unserved != unserved_.end()) {
+    ++unserved->second;
+  } else if (auto topic = parse(text); topic && topics_.size() < kMostTopics) {
+    topics_[text] = std::move(*topic);
+  } else {
+    unserved_[text] = 1;
+    if (unserved_.size() > kMostUnserved) hang_up(fd, endpoint_);
+    refuse(text);
+  }
+}
+
+void Publisher::cancel(const std::string& text) {
+  if (const auto known = topics_.find(text); known != topics_.end()) {
+    if (--known->second.wanted == 0) topics_.erase(known);
+  } else if (const auto unserved = unserved_.find(text); unserved != unserved_.end()) {
+    if (--unserved->second == 0) unserved_.erase(unserved);
   }
 }
 

@@ -28,7 +28,7 @@ class Gripper;
 //
 // What is subscribed to says which states: "1" all, "10" one in ten, "10 robot.q,robot.dq,phase" these fields of it. A message is
 // that text, a zero byte, and the ArmState. Subscriptions are bounded: who has one too many for the server, or one that is longer
-// than any that makes sense, loses the connection.
+// than any that makes sense, loses the connection; so does who subscribes twice to the same, or cancels what it has not.
 class Publisher {
  public:
   // Binds to a port of `listen`: `port`, or a free one where that is 0 or taken. `gripper` may be null.
@@ -58,11 +58,13 @@ class Publisher {
     std::string prefix;
     std::uint64_t every = 1;
     std::optional<google::protobuf::FieldMask> fields;
-    int wanted = 1;  // by a subscription with the zero byte, one without it, or both
+    int wanted = 1;  // by so many subscriptions, with the zero byte or without it
   };
 
   void run();
   void take_subscriptions();
+  void subscribe(const std::string& text, int fd);
+  void cancel(const std::string& text);
   void refuse(const std::string& text);
   static std::optional<Topic> parse(const std::string& text);
   void publish(const realtime::Record& record);
@@ -76,7 +78,8 @@ class Publisher {
   std::string endpoint_;
   std::optional<ConnectionLimit> connections_;
   std::map<std::string, Topic> topics_;
-  std::set<std::string> unserved_;  // subscriptions that nothing is published to
+  std::map<std::string, int> unserved_;         // what nothing is published to, and how many subscriptions to it there are
+  std::map<int, std::set<std::string>> asked_;  // subscriptions of each connection, by its file descriptor
   std::uint64_t refused_ = 0;
   std::int64_t received_ns_ = 0;     // of the last record
   bool moved_ = false;               // in it

@@ -34,7 +34,8 @@ constexpr int kMostTerminations = 16;
 constexpr int kPathSamples = 8;
 // Between the places of a way that are looked at, about: s, and as far as kEnoughSamples go m and rad.
 constexpr double kSampleTime = 0.02, kSampleLength = 0.002;
-constexpr int kLeastSamples = 20, kEnoughSamples = 100, kMostSamples = 1000;
+constexpr int kLeastSamples = 20, kEnoughSamples = 100;
+constexpr int kMostJointSamples = 100'000, kMostPoseSamples = 2'500;  // which take some 0.1 s on a slow computer
 constexpr int kSteps = 3;     // of inverse kinematics from one place to the next, of a way of poses
 constexpr int kFirstSteps = 20;  // to its first, which an arm is beside that does not follow exactly; at most
 constexpr double kStill = 1e-9;  // rad: a step that leads nowhere
@@ -90,9 +91,9 @@ std::string place(int sample) { return place(static_cast<double>(sample) / kPath
 constexpr const char* kOtherWay = "go there by joints (goto_joints), or begin from a posture farther from it";
 
 // `length`: m and rad together, of all joints or of translation and rotation.
-int samples_of(double duration, double length) {
+int samples_of(double duration, double length, int most) {
   const double places = std::max(duration / kSampleTime, std::min(length / kSampleLength, 1. * kEnoughSamples));
-  return static_cast<int>(std::clamp(places, 1. * kLeastSamples, 1. * kMostSamples));
+  return static_cast<int>(std::clamp(places, 1. * kLeastSamples, 1. * most));
 }
 
 // It has started at `from`, and has afterwards.
@@ -325,7 +326,7 @@ void SkillBuilder::check_joint_path(std::unique_ptr<TrajectoryGenerator>& trajec
   if (!trajectory->has_end()) return;
   // Joints within their own limits may move EE faster than the robot allows: then they are slowed down there.
   SampledWay way{duration, {}, {}};
-  const int samples = samples_of(duration, length);
+  const int samples = samples_of(duration, length, kMostJointSamples);
   realtime::Vector3 last;
   for (int sample = 0; sample <= samples; ++sample) {
     trajectory->step(cycle, duration * sample / samples, reference);
@@ -380,7 +381,7 @@ void SkillBuilder::check_cartesian_path(std::unique_ptr<TrajectoryGenerator>& tr
   if (!trajectory->has_end()) return;
   // Every pose of it is reached by some joints; now those with which the arm goes from one to the next. The elbow gives way in the
   // time that it has, so that a way which gets another pace is gone along once more.
-  const int samples = samples_of(duration, length);
+  const int samples = samples_of(duration, length, kMostPoseSamples);
   SampledWay way = way_of_poses(*trajectory, samples, kind, cycle, elbow, nullptr);
   auto pace = pace_along(way, limits_, kPoseShare);
   if (pace) {

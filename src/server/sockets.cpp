@@ -68,7 +68,7 @@ ConnectionLimit::ConnectionLimit(zmq::context_t& context, zmq::socket_t& socket,
 
 ConnectionLimit::~ConnectionLimit() { zmq_socket_monitor(socket_.handle(), nullptr, 0); }
 
-void ConnectionLimit::look() {
+void ConnectionLimit::look(const std::function<void(int fd)>& came) {
   const std::uint64_t before = ended_;
   zmq::message_t event, address;
   while (events_.recv(event, zmq::recv_flags::dontwait)) {
@@ -82,6 +82,7 @@ void ConnectionLimit::look() {
       connections_.erase(static_cast<int>(fd));
     } else if (connections_.size() < most_) {
       connections_.insert(static_cast<int>(fd));
+      came(static_cast<int>(fd));
     } else {
       hang_up(static_cast<int>(fd), endpoint_);
       ++ended_;

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <set>
 #include <string>
 #include <utility>
@@ -39,8 +40,8 @@ class ConnectionLimit {
   ConnectionLimit(zmq::context_t& context, zmq::socket_t& socket, std::size_t most = most_connections());
   ~ConnectionLimit();
 
-  // Looks at what came and went; many times a second.
-  void look();
+  // Looks at what came and went, and tells of each that came; many times a second.
+  void look(const std::function<void(int fd)>& came = [](int) {});
 
  private:
   zmq::socket_t& socket_;

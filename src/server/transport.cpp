@@ -99,6 +99,7 @@ void Transport::run(const std::atomic<bool>& quit) {
     arm_.take_back();
     recovery_.take_results();
     take_gripper_results();
+    record_for_those_there();
     if (clients_.expire_lease() && skills_.any_run()) skills_.client_is_gone(recorder_.keep("a-client-is-gone"));
     rounds_.fetch_add(1, std::memory_order_relaxed);
   }
@@ -273,9 +274,23 @@ void Transport::get_server_status(const Address& from) {
 }
 
 void Transport::record(const Address& from, const proto::Record& record) {
+  if (record.on()) recording_for_.insert(from.client);
+  if (record.has_on() && !record.on()) recording_for_.erase(from.client);
+  proto::Record asked;
+  if (record.has_on()) asked.set_on(!recording_for_.empty());
   proto::Reply reply;
-  *reply.mutable_recording() = recorder_.ask(record);
+  *reply.mutable_recording() = recorder_.ask(asked);
   answers_.send(from, reply);
+}
+
+// A client that was killed does not say that it is enough.
+void Transport::record_for_those_there() {
+  if (std::erase_if(recording_for_, [this](const std::string& client) { return clients_.is_silent(client); }) == 0) return;
+  if (!recording_for_.empty()) return;
+  proto::Record enough;
+  enough.set_on(false);
+  recorder_.ask(enough);
+  spdlog::info("who asked for a recording is gone: it ends");
 }
 
 void Transport::change_walls(const Address& from, const proto::ChangeWalls& change) {

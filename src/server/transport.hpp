@@ -6,6 +6,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <zmq.hpp>
 
@@ -90,6 +91,7 @@ class Transport {
   void list_topics(const Address& from);
   void get_server_status(const Address& from);
   void record(const Address& from, const frankapy::proto::Record& record);
+  void record_for_those_there();
   void change_walls(const Address& from, const frankapy::proto::ChangeWalls& change);
   void change_limits(const Address& from, const frankapy::proto::ChangeLimits& change);
   void start_gripper(const Address& from, const frankapy::proto::GripperCommand& command);
@@ -117,6 +119,7 @@ class Transport {
   ConnectedArm arm_;
   std::uint64_t last_ticket_ = 0;
   std::map<std::uint64_t, Address> gripping_;
+  std::set<std::string> recording_for_;  // identities of clients
   std::atomic<std::uint64_t> rounds_{0};
   Recovery recovery_;
   Skills skills_;

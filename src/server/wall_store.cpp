@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include "realtime/walls/mesh.hpp"
@@ -302,8 +303,14 @@ void check_walls(const realtime::Walls& walls, const WallStore& names, std::span
   const auto& capsules = walls.arm.all();
   realtime::ArmCapsules::Place place;
   std::vector<double> least;  // of each capsule and wall, where the arm is
+  double room = 0;            // at least, m, that any of them had left when it was last looked
+  double moved = 0;           // at most, m, since then
   for (std::size_t k = 0; k < way.size(); ++k) {
+    if (k > 0) moved += walls.arm.reach() * (way[k] - way[k - 1]).lpNorm<1>();
+    if (moved < room) continue;
     walls.arm.place(way[k], place);
+    room = std::numeric_limits<double>::infinity();
+    moved = 0;
     std::size_t pair = 0;
     for (std::size_t c = 0; c < capsules.size(); ++c) {
       for (const auto& wall : walls.walls) {
@@ -319,6 +326,7 @@ void check_walls(const realtime::Walls& walls, const WallStore& names, std::span
                              names.name(wall.id), k + 1 == way.size() ? "at its goal" : fmt::format("at {:.0f} % of its way", 100 * share),
                              1e3 * realtime::WallGuard::kClearance));
         }
+        room = std::min(room, distance - least[pair]);
         ++pair;
       }
     }

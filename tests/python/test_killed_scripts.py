@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import HOME
 
-from frankapy import FrankaArm, connection
+from frankapy import FrankaArm, connection, proto
 from frankapy.sim import SimulatedArm, Simulation
 
 LONG = 1000  # s of the robot's clock
@@ -95,6 +95,16 @@ def test_the_next_script_has_arm_and_hand(ideal_arm, moment, how, monkeypatch):
         np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.002)
         fa.goto_gripper(0.05, ignore_errors=False)
         assert fa.get_gripper_width() == pytest.approx(0.05, abs=2e-3)
+
+
+def test_a_recording_ends_with_the_script_that_wanted_it(tmp_path):
+    with Simulation(SimulatedArm(), recordings=tmp_path) as simulation:
+        kill_in_the_middle(simulation.server, "it records", signal.SIGKILL)
+        with FrankaArm(server=simulation.server) as fa:
+            until = time.monotonic() + 60
+            while fa._server.ask(proto.Request(record=proto.Record())).recording.open:
+                assert time.monotonic() < until
+                time.sleep(0.05)
 
 
 @pytest.mark.wall

@@ -23,6 +23,7 @@ from frankapy.parts import (
     CartesianImpedance,
     FreeDrive,
     JointImpedance,
+    JointWaypoints,
     MinJerkJoint,
     Never,
     RelativeMinJerkPose,
@@ -184,6 +185,17 @@ def test_a_way_is_checked_while_nothing_moves_and_by_whom_ever(walled, ideal_arm
         assert not other.check(StreamJoint("goal"), JointImpedance(), Never()).HasField("duration")
         with pytest.raises(FrankaArmArgumentError, match="joints has 2 elements"):
             other.check(StayJoint(1), joints=[0, 0])
+
+
+def test_of_a_long_way_no_part_is_left_out(walled):
+    walled.walls.add("glass", WALL)
+    rest = range(20)  # of the robot, so that the spline is at rest too
+    times = [1781.2 + i for i in rest] + [1801.8] + [1803.4 + i for i in rest] + [3600]
+    there_and_back = JointWaypoints([HOME] * 20 + [LEFT] + [HOME] * 21, times)
+    with pytest.raises(FrankaArmArgumentError, match=r'JointWaypoints: .*wall "glass" at 50 % of its way'):
+        walled.check(there_and_back)
+    walled.walls.clear()
+    assert walled.check(there_and_back).duration == 3600
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -83,6 +83,11 @@ class Run:
         self.kill()
         return outcome
 
+    def give_up(self) -> None:
+        """Leave nothing of it."""
+        self.kill()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
     def kill(self) -> None:
         """End it and all that it has started."""
         assert self._process.pid is not None
@@ -106,6 +111,7 @@ class Campaign:
         self.endings: collections.Counter[str] = collections.Counter()
         self.seconds = 0.0
         self.skills = 0
+        self.stopped = False  # before its end
 
     def play(
         self, scenarios: Iterable[Scenario], hours: float, workers: int, until_found: str | None = None
@@ -115,8 +121,9 @@ class Campaign:
         running: list[Run] = []
         bad = []
         began = time.monotonic()
-        with contextlib.ExitStack() as interrupted, tqdm(total=round(3600 * hours), unit="s", desc="simulated") as bar:
-            interrupted.callback(lambda: [run.kill() for run in running])
+        bar = tqdm(total=round(3600 * hours), unit="s", desc="simulated")
+        with contextlib.ExitStack() as at_end, bar, self._stoppable():
+            at_end.callback(lambda: [run.give_up() for run in running])
             while True:
                 enough = self.seconds >= 3600 * hours or (until_found and self.found[until_found])
                 while not enough and len(running) < workers and (what := next(left, None)) is not None:
@@ -136,6 +143,14 @@ class Campaign:
                     else:
                         shutil.rmtree(run.folder, ignore_errors=True)
         return bad
+
+    @contextlib.contextmanager
+    def _stoppable(self) -> Iterator[None]:
+        """What was played until somebody stops it counts."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            self.stopped = True
 
     def shrink(self, whole: Scenario, outcome: Outcome) -> list[int]:
         """Leave out events while the first kind of violation stays; return the places of those that are left."""
@@ -246,7 +261,7 @@ def main() -> int:
         scenarios = [scenario.draw(seed) for seed in GATE]
         bad = campaign.play(scenarios, hours=1, workers=options.workers)
         write_junit(options.gate, scenarios, bad)
-        return 1 if bad else 0
+        return 1 if bad or campaign.stopped else 0
     if options.seed is not None:
         what = scenario.draw(options.seed)
         run = Run(what if options.events is None else what.only(options.events), campaign._server, campaign._record)
@@ -270,11 +285,11 @@ def main() -> int:
             BENCH.write_text(json.dumps(entries | campaign.entries(), indent=2, sort_keys=True) + "\n")
     if options.until_found:
         return 0 if campaign.found[options.until_found] else 1
-    if bad and not options.no_shrink and options.events is None:
+    if bad and not options.no_shrink and options.events is None and not campaign.stopped:
         print("Which events does the first of them need?", file=sys.stderr)
         places = campaign.shrink(*bad[0])
         print(f"these: {of_events(bad[0][0].seed, places)}" + (f" --server {options.server}" if options.server else ""))
-    return 1 if bad else 0
+    return 1 if bad or campaign.stopped else 0
 
 
 if __name__ == "__main__":

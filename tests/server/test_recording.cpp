@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <functional>
@@ -441,6 +442,24 @@ TEST(Journal, KeepsTheNewestWholeEntries) {
   EXPECT_EQ(last, 100u);
   EXPECT_NEAR(lost, 59 * 100e3, 59 * 100.);
   EXPECT_EQ(n, 41u);  // of 100 kB in 4 MiB
+}
+
+// What its process wrote over before it died of that is no entry, and costs what comes behind it.
+TEST(Journal, WhatIsOverwrittenIsNotRead) {
+  const std::shared_ptr<void> memory(std::calloc(1, Journal::size()), std::free);
+  Journal journal(memory);
+  journal.note("/topic", "type", "first");
+  const std::uint64_t second = journal.end();
+  journal.note("/topic", "type", "second");
+  std::memset(static_cast<char*>(memory.get()) + Journal::size() - (4 << 20) + second, 0xff, 64);
+  const Journal found = Journal::found(memory);
+  std::uint64_t place = found.begin(), lost = 0;
+  Journal::Entry entry;
+  ASSERT_TRUE(found.read(place, entry, lost));
+  EXPECT_EQ(entry.bytes, "first");
+  EXPECT_FALSE(found.read(place, entry, lost));
+  EXPECT_EQ(place, found.end());
+  EXPECT_EQ(lost, found.end() - second);
 }
 
 }  // namespace

@@ -970,6 +970,94 @@ TEST_F(TransportTest, WhatIsNoSubscriptionIsNotTakenForOne) {
   EXPECT_TRUE(honest.next());
 }
 
+// A subscriber that speaks ZMTP 3.0 byte by byte, as no library lets one cancel what was not subscribed to.
+class RawSubscriber {
+ public:
+  explicit RawSubscriber(const std::string& endpoint) : fd_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(port_of(endpoint));
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    EXPECT_EQ(::connect(fd_, reinterpret_cast<sockaddr*>(&to), sizeof to), 0);
+    std::string greeting(64, '\0');
+    greeting[0] = '\xff';
+    greeting[9] = '\x7f';
+    greeting[10] = 3;
+    greeting.replace(12, 4, "NULL");
+    const std::string ready = std::string("\x05READY\x0bSocket-Type\0\0\0\x03SUB", 25);
+    send(greeting + std::string{4, static_cast<char>(ready.size())} + ready);
+    // The library ends a connection over which a message comes before it is ready itself.
+    std::string answer;
+    char byte;
+    while (!answer.ends_with("XPUB") && ::recv(fd_, &byte, 1, 0) == 1) answer += byte;
+  }
+  ~RawSubscriber() { ::close(fd_); }
+
+  // One message of one frame.
+  void send_message(const std::string& body) { send(std::string{0, static_cast<char>(body.size())} + body); }
+  // Until the other side has ended the connection.
+  void wait_for_end() {
+    char bytes[4096];
+    while (::recv(fd_, bytes, sizeof bytes, 0) > 0) {
+    }
+  }
+
+ private:
+  void send(const std::string& bytes) { EXPECT_EQ(::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL), std::ssize(bytes)); }
+
+  int fd_;
+};
+
+TEST_F(TransportTest, WhoCancelsWhatOthersListenToSilencesNobody) {
+  Subscriber honest(context_, publisher_.endpoint(), "1 cycles");
+  const auto hears = [&] {
+    while (honest.next(zmq::recv_flags::dontwait)) {
+    }
+    publish();
+    return honest.next().has_value();
+  };
+  while (!honest.next(zmq::recv_flags::dontwait)) {
+    publish();
+    std::this_thread::sleep_for(1ms);
+  }
+  const std::string topic = std::string("1 cycles") + '\0';
+  for (const std::string& message : {'\0' + topic, '\1' + topic + '\1', '\1' + topic}) {
+    RawSubscriber raw(publisher_.endpoint());
+    raw.send_message(message);
+    if (message[0] == 1) raw.send_message(message);  // twice the same
+    raw.wait_for_end();
+    EXPECT_TRUE(hears());
+  }
+  // Who cancels its own goes, and comes back.
+  {
+    RawSubscriber raw(publisher_.endpoint());
+    for (int i = 0; i < 3; ++i) {
+      raw.send_message('\1' + topic);
+      raw.send_message('\0' + topic);
+    }
+    raw.send_message('\0' + topic);
+    raw.wait_for_end();
+  }
+  EXPECT_TRUE(hears());
+  // What nobody listens to any longer leaves its room to others.
+  {
+    RawSubscriber many(publisher_.endpoint());
+    for (int n = 1; n <= 200; ++n) many.send_message('\1' + std::to_string(n) + " cycles");
+    many.send_message('\1' + std::string("200 cycles"));  // twice the same: then all of it was read
+    many.wait_for_end();
+  }
+  bool heard = false;
+  for (int i = 0; i < 2000 && !heard; ++i) {
+    Subscriber another(context_, publisher_.endpoint(), "1 phase");
+    for (int n = 0; n < 20; ++n) {
+      publish();
+      std::this_thread::sleep_for(1ms);
+    }
+    heard = another.next(zmq::recv_flags::dontwait).has_value();
+  }
+  EXPECT_TRUE(heard);
+}
+
 TEST_F(TransportTest, WhatOfTheRobotIsNotTakenIsPublished) {
   auto a = client();
   EXPECT_FALSE(a.state().state().has_not_taken());
