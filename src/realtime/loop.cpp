@@ -270,6 +270,7 @@ void Loop::change_skill() noexcept {
   if (in_motion() && next_ != nullptr && !next_waits()) {
     if (fits_motion(*next_)) {
       take_over();
+      if (begins_) begin_time();
     } else if (skill_ != nullptr) {
       end(skill_, phase_ == Phase::kBraking ? ending_ : Ending::kPreempted);
     }
@@ -788,7 +789,7 @@ void Loop::start_controller(bool move_reference) noexcept {
 void Loop::change_parts() noexcept {
   if (change_ == nullptr) change_ = door_.change.take();
   if (change_ == nullptr || door_.changed.room() == 0) return;
-  if (change_->skill_id > newest_ || (next_ != nullptr && next_->id == change_->skill_id)) return;  // it has not begun
+  if (begins_ || change_->skill_id > newest_ || (next_ != nullptr && next_->id == change_->skill_id)) return;  // it has not begun
   Change* change = std::exchange(change_, nullptr);
   if (phase_ == Phase::kRunning && skill_->id == change->skill_id && !faulty_) {
     change->done = true;
@@ -965,24 +966,33 @@ void Loop::begin_motion() noexcept {
   begins_at_ = vector(state_.q_d);
   reference_ = robot_->start(cycle_, motion_of(next_->trajectory->fills()), model_);
   start_skill();
-  skill_time_ = -cycle_.dt;  // its time begins with this command
+  begin_time();
+}
+
+// The time of a skill begins with this cycle's command.
+void Loop::begin_time() noexcept {
+  skill_time_ = -cycle_.dt;
   path_.step_back();
 }
 
 // As the first command did not come. Else the second was the first that the robot gets: it may begin the motion there, at rest.
 void Loop::begin_again() noexcept {
+  begins_ = false;
   if (begins_for_ == 0) return;
   const bool begun = state_.control_command_success_rate > 0 || vector(state_.q_d) != begins_at_;
-  if (begun || phase_ != Phase::kRunning || next_ != nullptr) {
+  if (begun || phase_ != Phase::kRunning) {
     begins_for_ = 0;
     return;
   }
   const int left = begins_for_ - 1;
+  Skill* const waits = next_;
   next_ = std::exchange(skill_, nullptr);
   holder_ = nullptr;
   for (const auto& input : next_->inputs) input->begin_again();
   begin_motion();
+  next_ = waits;
   begins_for_ = left;
+  begins_ = true;
 }
 
 // Whether the robot's own law, as it is to be for the next skill, would tear the arm from where a softer one lets it be: it holds

@@ -100,6 +100,7 @@ class Loop {
   void configure() noexcept;
   void start_motion(bool release = false) noexcept;
   void begin_motion() noexcept;
+  void begin_time() noexcept;
   void begin_again() noexcept;
   bool would_leap() const noexcept;
   void let_go() noexcept;
@@ -160,6 +161,7 @@ class Loop {
   bool faulty_ = false;      // the holder's controller is at fault, or there is none, and it is not asked
   int begins_for_ = 0;       // cycles at most, in which the first command of a motion may be found not to have come
   Vector7 begins_at_ = Vector7::Zero();  // rad, q_d before it
+  bool begins_ = false;      // anew, with this cycle's command
   bool releases_ = false;    // the motion that starts only lets the arm go where it is
   bool released_ = false;    // for the waiting skill there was one
   std::uint64_t unfinished_ = 0;  // id of the last skill that did not end by itself

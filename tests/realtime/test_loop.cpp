@@ -707,6 +707,61 @@ TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostBeginsAnew) {
   }
 }
 
+TEST_F(LoopTest, WhatTakesOverFromAMotionOfWhichTheFirstCommandsAreLostBeginsItToo) {
+  const auto steep = [&] { return std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits); };
+  for (const int lost : {0, 1, 2, 7}) {
+    for (const int after : {0, 1, 2, 3, 6, 7}) {
+      SCOPED_TRACE(std::to_string(lost) + " lost, the next after " + std::to_string(after));
+      give(steep(), std::make_unique<Internal>());
+      robot.lose = lost;
+      ASSERT_TRUE(until(Phase::kRunning));
+      cycles(after);
+      const std::size_t before = results.size();
+      give(steep(), std::make_unique<Internal>());
+      ASSERT_TRUE(until([&] { return results.size() == before + 2; }));
+      EXPECT_EQ(results.back().ending, Ending::kTerminated);
+      EXPECT_TRUE(robot.obeyed()) << robot.judgement();
+      ASSERT_TRUE(until(Phase::kIdle, 4000));
+    }
+  }
+}
+
+TEST_F(LoopTest, AChangeWaitsUntilTheFirstCommandHasCome) {
+  const auto steep = [&] { return std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits); };
+  for (const int lost : {0, 1, 2, 7}) {
+    SCOPED_TRACE(lost);
+    const std::uint64_t id = give(steep(), std::make_unique<Internal>());
+    robot.lose = lost;
+    ASSERT_TRUE(until(Phase::kRunning));
+    auto change = std::make_unique<Change>();
+    change->skill_id = id;
+    change->trajectory = steep();
+    door.change.put(std::move(change));
+    ASSERT_TRUE(until_result());
+    EXPECT_TRUE(robot.obeyed()) << robot.judgement();
+    Change* const* changed = door.changed.front();
+    ASSERT_TRUE(changed != nullptr);
+    EXPECT_TRUE((*changed)->done);
+    delete *changed;
+    door.changed.pop();
+    ASSERT_TRUE(until(Phase::kIdle, 4000));
+  }
+}
+
+TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostBeginsAnewWhereAnotherIsQueued) {
+  for (const int lost : {1, 2, 7}) {
+    give(std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits), std::make_unique<Internal>());
+    ASSERT_TRUE(until(Phase::kStarting));
+    give_after(0.1, 0.5);
+    robot.lose = lost;
+    const std::size_t before = results.size();
+    ASSERT_TRUE(until([&] { return results.size() == before + 2; }));
+    EXPECT_EQ(results.back().ending, Ending::kTerminated);
+    EXPECT_TRUE(robot.obeyed()) << lost << " lost: " << robot.judgement();
+    ASSERT_TRUE(until(Phase::kIdle, 4000));
+  }
+}
+
 TEST_F(LoopTest, StopBrakesInsideTheLimitsThenHolds) {
   give_internal(0.8, 1);
   ASSERT_TRUE(until([&] { return last.skill_time > 0.4; }));
