@@ -27,7 +27,7 @@ ALONE = exec 9< . && { flock -n 9 || { echo "Another make is at work here: waiti
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 .PHONY: help packages setup build programs demo demo-lockstep pictures test test-cpp test-python test-nightly types wall wall-20 \
-	bench bench-programs interop interop-lockstep safety safety-gate safety-lacking peers fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
+	bench bench-programs interop interop-lockstep safety safety-gate safety-lacking fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -77,11 +77,11 @@ LAST_FAILED = $(BUILD)/Testing/Temporary/LastTestsFailed.log
 wall: build $(VENV)/.frankapy
 	$(if $(AGAIN),,rm -f $(LAST_FAILED))
 	$(if $(AGAIN),test ! -s $(LAST_FAILED) || { none=5; false; } ||) $(CTEST) -j 1 -L wall; cpp=$$?; \
-	  { $(PYTEST) -m wall || test $$? = "$$none"; } && exit $$cpp
+	  { $(PYTEST) -m wall --timeout 60 || test $$? = "$$none"; } && exit $$cpp
 
 wall-20: build $(VENV)/.frankapy
-	$(CTEST) -j 1 -L wall --repeat until-fail:20; failed=$$?; for i in $$(seq 20); do \
-	  $(PYTEST:pytest.xml=pytest-$$i.xml) -m wall || failed=1; done; exit $$failed
+	failed=0; for i in $$(seq 20); do $(subst ctest.xml,ctest-$$i.xml,$(CTEST)) -j 1 -L wall || failed=1; \
+	  $(PYTEST:pytest.xml=pytest-$$i.xml) -m wall --timeout 60 || failed=1; done; exit $$failed
 
 bench-programs: build
 	@$(ALONE); cmake --build $(BUILD) -j $(JOBS) --target bench/all
@@ -106,9 +106,10 @@ safety-gate: programs $(VENV)/.frankapy
 # A kind of violation, and the server that lacks what is against it.
 LACKING := limit:unlimited wall:unwalled hung:unrecovering
 safety-lacking: bench-programs ## see that the campaign finds what servers lack (make nightly)
-	@for each in $(LACKING); do echo "$$each"; \
-	  timeout 600 $(VENV)/bin/python tests/safety/campaign.py --no-shrink --until-found $${each%:*} --server $(BUILD)/bench/franka-interface-$${each#*:} || exit 1; done
-	timeout 600 $(VENV)/bin/python tests/safety/campaign.py --no-shrink --until-found recording --record off
+	@failed=0; for each in $(LACKING); do echo "$$each"; \
+	  timeout 600 $(VENV)/bin/python tests/safety/campaign.py --no-shrink --until-found $${each%:*} --server $(BUILD)/bench/franka-interface-$${each#*:} || \
+	  { failed=1; echo "not found: $$each"; }; done; \
+	timeout 600 $(VENV)/bin/python tests/safety/campaign.py --no-shrink --until-found recording --record off && exit $$failed
 
 FUZZERS := client_to_arm arm_to_client control_channel client_to_server
 fuzz: fuzz-600 ## send mutated bytes to every parser, under sanitizers, for ten minutes each
@@ -119,7 +120,7 @@ fuzz-gate: fuzz-30
 
 fuzz-%: $(BUILD)/asan/build.ninja
 	@$(ALONE); cmake --build $(BUILD)/asan -j $(JOBS) --target $(FUZZERS)
-	printf '%s\n' $(FUZZERS) | xargs -P $(words $(FUZZERS)) -I @ sh -c '$(BUILD)/asan/bin/@ tests/fuzz/corpus/@ $* $(SEED)'
+	printf '%s\n' $(FUZZERS) | ASAN_OPTIONS=abort_on_error=1 UBSAN_OPTIONS=abort_on_error=1 xargs -P $(words $(FUZZERS)) -I @ sh -c '$(BUILD)/asan/bin/@ tests/fuzz/corpus/@ $* $(SEED)'
 
 sanitize: asan-all tsan-all ## run the C++ tests under address, undefined and thread sanitizer
 
@@ -170,8 +171,8 @@ FIXED_ADDRESSES = $(shell setarch -R true 2> /dev/null && echo setarch -R)
 # The gate has the first what reads bytes from outside and the loop, and the second what several threads share.
 ROOMS_asan := wire realtime robot
 ROOMS_tsan := robot server
-ROOMS_asan-all := wire realtime parts robot server sim
-ROOMS_tsan-all := robot server sim
+ROOMS_asan-all := wire models bridge realtime parts robot server sim
+ROOMS_tsan-all := $(ROOMS_asan-all)
 # Laws over long motions, whose code shorter tests run too: by the nightly ones only.
 LONG_asan := whatever_(pose_)?is_asked_for|next_to_|many_walls_|OutOfReach|PushedArm|PulledArm|SprungArm
 

@@ -2,7 +2,8 @@
 
 A program is a bench/*.cpp (built to build/bench/<name>) or another bench/*.py. It may print what it likes on stderr; the
 last line of its stdout is a flat JSON object {"name_of_entry": number}. Programs run one after another and alone,
-since they measure time. Names given as arguments run only these, and leave the other entries of build/bench.json.
+since they measure time. Names given as arguments run only these, and leave the other entries of build/bench.json; without
+any, those of the campaign stay, which is no program of bench/.
 """
 
 import json
@@ -16,6 +17,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 BUILD = REPOSITORY / "build"
 LONGEST = 4 * 3600  # s that a program may take: random switches and all combinations take their time
 OUTPUT = BUILD / "bench.json"
+CAMPAIGN = "campaign_"  # entries of tests/safety/campaign.py
 
 
 def commands() -> dict[str, list[str]]:
@@ -48,7 +50,8 @@ def main() -> int:
         print(f"No such benchmark: {', '.join(sorted(unknown))}. There are: {', '.join(programs)}.", file=sys.stderr)
         return 2
 
-    results = json.loads(OUTPUT.read_text()) if sys.argv[1:] and OUTPUT.exists() else {}
+    there = json.loads(OUTPUT.read_text()) if OUTPUT.exists() else {}
+    results = {name: value for name, value in there.items() if sys.argv[1:] or name.startswith(CAMPAIGN)}
     failures = {}
     progress = tqdm(chosen, unit="program")
     for name in progress:

@@ -1,6 +1,6 @@
 // What virtual walls cost, with 20 boxes of which 5 are within 0.1 m of the arm.
-//   safety_us_p50, _p99   of WallGuard in a cycle of torque control: the way to rest, what leads past the walls where that is
-//                         not clear, the way to rest again, and the torque; at random postures and speeds about home
+//   safety_us_p50, _p99   of WallGuard and SelfGuard in a cycle: the way to rest, what leads past the walls or the arm itself where
+//                         that is not clear, the way to rest again, and the torque; at random postures and speeds about home
 //   safety_most_us_p99    the same with all the walls and held bodies that there may be near the hand
 
 #include <array>
@@ -19,6 +19,7 @@
 #include "realtime/felt_inertia.hpp"
 #include "realtime/model.hpp"
 #include "realtime/walls/mesh.hpp"
+#include "realtime/walls/self_guard.hpp"
 #include "realtime/walls/wall_guard.hpp"
 
 namespace {
@@ -66,7 +67,9 @@ std::vector<double> measure(std::unique_ptr<Walls> walls) {
   const auto uniform = [&](double size) { return std::uniform_real_distribution<>(-size, size)(random); };
   Model model(models::urdf(models::arm("fr3"), 10));
   WallGuard guard;
+  const ArmCapsules& arm = walls->arm;
   guard.change(walls.release());
+  SelfGuard self;
   std::vector<double> us;
   std::array<Vector7, WallGuard::kMostOnWay> way;
   int held = 0;
@@ -81,11 +84,13 @@ std::vector<double> measure(std::unique_ptr<Walls> walls) {
     }
     const Matrix7 mobility = joint_mobility(model.mass());  // is there in any case
     const auto begin = std::chrono::steady_clock::now();
-    const bool clear = guard.clear(q, way, WallGuard::kClearance);
+    const bool clear_of_itself = self.clear(arm, q, way), clear = guard.clear(q, way, WallGuard::kClearance) && clear_of_itself;
     if (!clear) {
-      WallGuard::Bounds bounds;
-      const Vector7 past = past_bounds(0.001 * dq, guard.bounds(bounds));
+      WallGuard::Bounds of_walls;
+      SelfGuard::Bounds of_itself;
+      const Vector7 past = past_bounds(0.001 * dq, clear_of_itself ? guard.bounds(of_walls) : self.bounds(arm, q, of_itself));
       for (Vector7& place : way) place += 0.001 * past;
+      self.clear(arm, q, way);
       guard.clear(q, way, WallGuard::kClearance);
     }
     guard.look(q, dq, dq);
@@ -93,7 +98,7 @@ std::vector<double> measure(std::unique_ptr<Walls> walls) {
     us.push_back(1e-3 * static_cast<double>((std::chrono::steady_clock::now() - begin).count()));
     held += !clear;
   }
-  std::fprintf(stderr, "%.0f %% of %d cycles with a wall in the way\n", 100. * held / kCycles, kCycles);
+  std::fprintf(stderr, "%.0f %% of %d cycles with a wall or the arm itself in the way\n", 100. * held / kCycles, kCycles);
   return us;
 }
 

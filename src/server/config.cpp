@@ -318,7 +318,11 @@ frankapy::proto::Wall read_wall(const toml::table& node, const std::string& sour
     };
     auto& mesh = *wall.mutable_mesh();
     rows("corners", -10, 10, "numbers x, y, z, -10 to 10 m", [&](double each) { mesh.add_corners(each); });
-    rows("triangles", 0, 1000, "numbers of corners", [&](double each) { mesh.add_triangles(static_cast<std::uint32_t>(each)); });
+    const std::string of_corners = "whole numbers of corners";
+    rows("triangles", 0, 1000, of_corners, [&](double each) {
+      if (each != std::trunc(each)) table.refuse(table.require("triangles", of_corners), "triangles", of_corners);
+      mesh.add_triangles(static_cast<std::uint32_t>(each));
+    });
   } else {
     table.refuse(shape, "shape", shapes);
   }

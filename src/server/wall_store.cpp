@@ -302,33 +302,47 @@ void check_walls(const realtime::Walls& walls, const WallStore& names, std::span
   if (walls.walls.empty() || way.empty()) return;
   const auto& capsules = walls.arm.all();
   realtime::ArmCapsules::Place place;
-  std::vector<double> least;  // of each capsule and wall, where the arm is
-  double room = 0;            // at least, m, that any of them had left when it was last looked
-  double moved = 0;           // at most, m, since then
-  for (std::size_t k = 0; k < way.size(); ++k) {
-    if (k > 0) moved += walls.arm.reach() * (way[k] - way[k - 1]).lpNorm<1>();
-    if (moved < room) continue;
-    walls.arm.place(way[k], place);
-    room = std::numeric_limits<double>::infinity();
-    moved = 0;
+  // Of each capsule and wall: the least distance that there may be, and how far the arm has gone, at most, where it may be there, m.
+  std::vector<double> least, due;
+  const auto look = [&](const realtime::Vector7& q, double gone, double share) {
+    walls.arm.place(q, place);
+    double next = std::numeric_limits<double>::infinity();
     std::size_t pair = 0;
     for (std::size_t c = 0; c < capsules.size(); ++c) {
       for (const auto& wall : walls.walls) {
-        const double distance = realtime::nearest(wall.shape, place.a[c], place.b[c]).distance - capsules[c].radius;
-        if (k == 0) {
-          least.push_back(std::min(distance - 1e-4, realtime::WallGuard::kClearance));
-        } else if (distance < least[pair]) {
-          const double share = static_cast<double>(k) / static_cast<double>(way.size() - 1);
-          refuse(fmt::format("{}: {} would come {} wall \"{}\" {}: motions keep {:.0f} mm away from it. Choose another goal or way, or "
-                             "change the wall (fa.walls)",
-                             what, name_of_link(capsules[c].link),
-                             distance < 0 ? fmt::format("{:.0f} mm into", -1e3 * distance) : fmt::format("within {:.0f} mm of", 1e3 * distance),
-                             names.name(wall.id), k + 1 == way.size() ? "at its goal" : fmt::format("at {:.0f} % of its way", 100 * share),
-                             1e3 * realtime::WallGuard::kClearance));
+        if (const bool first = due.size() == pair; first || gone >= due[pair]) {
+          const double distance = realtime::nearest(wall.shape, place.a[c], place.b[c]).distance - capsules[c].radius;
+          if (first) {
+            least.push_back(std::min(distance - 1e-4, realtime::WallGuard::kClearance));
+            due.push_back(0);
+          } else if (distance < least[pair]) {
+            refuse(fmt::format("{}: {} would come {} wall \"{}\" {}: motions keep {:.0f} mm away from it. Choose another goal or way, or "
+                               "change the wall (fa.walls)",
+                               what, name_of_link(capsules[c].link),
+                               distance < 0 ? fmt::format("{:.0f} mm into", -1e3 * distance) : fmt::format("within {:.1f} mm of", std::floor(1e4 * distance) / 10),
+                               names.name(wall.id), share == 1 ? "at its goal" : fmt::format("at {:.0f} % of its way", 100 * share),
+                               1e3 * realtime::WallGuard::kClearance));
+          }
+          due[pair] = gone + distance - least[pair];
         }
-        room = std::min(room, distance - least[pair]);
+        next = std::min(next, due[pair]);
         ++pair;
       }
+    }
+    return next;
+  };
+  double gone = 0, next = look(way[0], 0, 0);
+  for (std::size_t k = 1; k < way.size(); ++k) {
+    const realtime::Vector7 step = way[k] - way[k - 1];
+    const double length = walls.arm.reach() * step.lpNorm<1>(), from = gone;
+    gone += length;
+    if (gone < next) continue;
+    // As finely as that nothing thin is on one side of a thin wall and then on the other.
+    const double parts = std::max(std::ceil(length / realtime::WallGuard::kClearance), 1.);
+    for (double part = 1; part <= parts; ++part) {
+      const double on = part / parts, here = from + on * length;
+      if (here < next) continue;
+      next = look(way[k - 1] + on * step, here, (static_cast<double>(k - 1) + on) / static_cast<double>(way.size() - 1));
     }
   }
 }

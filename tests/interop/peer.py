@@ -58,7 +58,10 @@ def environment(name: str, version: str) -> Path:
         stamp = folder / ".installed"
         if not stamp.exists():
             print(f"installing {name} {version} in {folder}", flush=True)
-            subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
+            try:
+                subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
+            except subprocess.CalledProcessError as error:
+                raise OSError(f"no environment for {name} {version}: {error}") from error
             install = [folder / "bin" / "python", "-m", "pip", "install", "--no-compile", "--no-deps", "--quiet"]
             install += ["--disable-pip-version-check", "-r", PINS / f"{name}-{version}.txt"]
             done = subprocess.run(install, stderr=subprocess.PIPE, text=True, check=False)

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from peer import REPOSITORY, Result, free_address, is_taken, run_installed
+from peer import REPOSITORY, Result, environment, free_address, is_taken, run_installed
 
 MOTIONS = REPOSITORY / "tests" / "interop" / "motions.py"
 START_TIME, TIME = 120, 240  # s

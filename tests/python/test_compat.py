@@ -370,10 +370,13 @@ def test_a_rate_is_kept_and_a_timer_calls():
         calls = []
         timer = rospy.Timer(rospy.Duration(0.02), lambda event: calls.append(event.current_real))
         once = rospy.Timer(rospy.Duration(0.02), lambda event: calls.append("once"), oneshot=True)
-        rate, begin = rospy.Rate(50), time.monotonic()
+        begin = time.monotonic()
+        rate = rospy.Rate(50)
         for _ in range(25):
             rate.sleep()
         assert time.monotonic() - begin > 0.48
+        while len(calls) <= 5 and time.monotonic() - begin < 60:
+            time.sleep(0.01)
         timer.shutdown()
         assert calls.count("once") == 1 and len(calls) > 5
         ended = []

@@ -150,7 +150,7 @@ def test_a_posture_beyond_a_wall_is_not_followed_into_it(fa, arm):
     assert campaign_judge.clearance(wall, fa.ik(fa.get_pose(), near=posture)) < -0.05  # where it would be
     fa.walls.add("beside", wall)
     try:
-        with pytest.raises(FrankaArmArgumentError, match='link . would come within . mm of wall "beside"'):
+        with pytest.raises(FrankaArmArgumentError, match=r'link . would come within \d\.\d mm of wall "beside"'):
             fa.run(StayPose(10), CartesianImpedance(posture=posture))
         rows = led(fa, arm, posture)
     finally:

@@ -35,7 +35,7 @@ MAKEFILE = """
 PASSED := <testcase classname="a" name="good"/>
 FAILED := <testcase classname="a" name="bad"><failure message="it is 3">and should be 4</failure></testcase>
 AHEAD   = echo $(1) > ahead.new && mv ahead.new ahead
-.PHONY: passes fails hangs leaves_behind counts luck whole_luck no_luck unreadable late waits tells
+.PHONY: passes fails hangs leaves_behind counts luck whole_luck no_luck then_hangs chooses_none unreadable late waits tells
 passes: ; @echo fine
 fails: ; @echo 'no such wire' && false
 hangs: ; @echo $$$$ > pid && $(call AHEAD,1000) && exec sleep 1000
@@ -46,6 +46,8 @@ counts: ; @echo '<s>$(PASSED)$(FAILED)<testcase name="other"><skipped/></testcas
 luck: ; @echo try >> tries && echo '<s>$(if $(AGAIN),,$(FAILED))$(PASSED)</s>' > $(JUNIT)/a.xml && test -n '$(AGAIN)'
 whole_luck: ; @echo try$(AGAIN) >> tries && test $$(wc -l < tries) = 2
 no_luck: ; @echo try >> tries && echo '<s>$(FAILED)$(PASSED)</s>' > $(JUNIT)/a.xml && false
+then_hangs: ; @$(if $(AGAIN),echo $$$$ > pid && $(call AHEAD,1000) && exec sleep 1000,echo '<s>$(FAILED)</s>' > $(JUNIT)/a.xml && false)
+chooses_none: ; @echo '<s></s>' > $(JUNIT)/a.xml
 unreadable: ; @echo '<s>' > $(JUNIT)/a.xml
 late: ; @$(call AHEAD,90)
 waits: ; @echo $$$$ > pid && exec sleep 1000
@@ -183,6 +185,19 @@ def test_what_never_passes_is_tried_so_often_and_has_failed(stages):
     status, printed = stages.run("no_luck,60,3")
     assert (stages.folder / "tries").read_text() == "try\n" * 3
     assert (status, last_line(printed)) == (1, "1 passed, 1 failed")
+
+
+def test_what_failed_before_a_second_try_that_hangs_has_not_passed(stages):
+    status, printed = stages.run("then_hangs,60,2")
+    assert "failed: then_hangs: a.bad" in printed
+    assert "a further try passed" not in printed
+    assert (status, last_line(printed)) == (1, "0 passed, 2 failed")
+
+
+def test_a_stage_that_chooses_no_test_has_failed(stages):
+    status, printed = stages.run("chooses_none")
+    assert "failed: chooses_none: no test" in printed
+    assert (status, last_line(printed)) == (1, "0 passed, 1 failed")
 
 
 def test_a_stage_that_takes_long_is_slow_and_has_passed(stages):

@@ -56,6 +56,17 @@ def wait_for(fa, condition, longest=100.0):
         time.sleep(0.005)
 
 
+def publish_in_time(fa, publisher, topic, message):
+    """Publish until one has not been held up for as long as the timeout, which is stale."""
+
+    def taken():
+        what = fa.topics().get(topic)
+        return what.received - what.stale if what else 0
+
+    before = taken()
+    wait_for(fa, lambda: publisher.publish(message) or taken() > before)
+
+
 # --- targets ---------------------------------------------------------------------------------------------------------
 
 
@@ -283,7 +294,7 @@ def test_a_chunk_whose_publisher_falls_silent_is_left_after_the_timeout_and_the_
     fa.goto_joints(HOME, 1)
     fa.run(StreamJoint("left", timeout=0.5), InternalImpedance(), Never(), block=False)
     with fa.publisher("left") as publisher:
-        publisher.publish(proto.JointChunk(times=[0.05, 1.5], joints=[*HOME, *NEAR]))
+        publish_in_time(fa, publisher, "left", proto.JointChunk(times=[0.05, 1.5], joints=[*HOME, *NEAR]))
         wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 5e-3)
         wait_for(fa, lambda: np.abs(fa.get_joint_velocities()).max() < 1e-4)
         left = fa.get_joints()
@@ -291,7 +302,7 @@ def test_a_chunk_whose_publisher_falls_silent_is_left_after_the_timeout_and_the_
         until = fa.get_arm_state().cycles + 3000
         wait_for(fa, lambda: fa.get_arm_state().cycles > until)
         np.testing.assert_allclose(fa.get_joints(), left, atol=1e-3)
-        publisher.publish(proto.JointChunk(times=[0.4], joints=NEAR))
+        publish_in_time(fa, publisher, "left", proto.JointChunk(times=[0.4], joints=NEAR))
         wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
     fa.stop_skill()
 
@@ -708,8 +719,7 @@ def test_a_slow_skill_stops_as_soon_when_its_stream_ceases(ideal_arm, fa):
         wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
         with ideal_arm.standing_still():
             turn = proto.JointVelocitySensorMessage(joint_velocities=[0, 0, 0, 0, 0, 0, 0.5])
-            # One that was held up for as long as the timeout is stale.
-            wait_for(fa, lambda: publisher.publish(turn) or fa.topics()["slow"].received > fa.topics()["slow"].stale)
+            publish_in_time(fa, publisher, "slow", turn)
             ideal_arm.simulation.step(300)
             wait_for(fa, lambda: fa.get_arm_state().robot.dq_d[6] > 1e-3)
             ideal_arm.simulation.step(2700)  # and not 5 s

@@ -197,8 +197,10 @@ def test_a_computer_that_stands_still_for_a_while_makes_nobody_look_as_if_it_hun
         fa.goto_joints(GOAL, LONG, block=False)
         wait_until(lambda: is_moving(fa))
         starts = list_arms(arm.server)[0].starts
-        programs = {*arm.simulation.processes, *server_processes(arm.simulation)}
-        for program in programs:
+        supervisor, *of_arms = server_processes(arm.simulation)
+        simulated = [process for process in arm.simulation.processes if process != supervisor]
+        programs = [*simulated, *of_arms, supervisor]  # who looks after others comes last
+        for program in reversed(programs):
             os.kill(program, signal.SIGSTOP)
         time.sleep(2)
         for program in programs:

@@ -515,7 +515,7 @@ TEST(FciDriverConnect, SaysThatWhatAnswersIsNoRobot) {
 
 TEST(FciDriverConnect, SaysThatNoStatesArrive) {
   ScriptedRobot robot(10);
-  std::string text = refusal(robot, [&] { robot.take_connect(0, 10); }, {.connect = 3s});
+  std::string text = refusal(robot, [&] { robot.take_connect(0, 10); }, {.connect = 5s});
   EXPECT_TRUE(contains(text, "no states arrive")) << text;
   EXPECT_TRUE(contains(text, "firewall")) << text;
 
@@ -523,7 +523,7 @@ TEST(FciDriverConnect, SaysThatNoStatesArrive) {
   text = refusal(other, [&] {
     other.take_connect(0, 10);
     other.send_datagram(Bytes(1376));
-  }, {.connect = 3s});
+  }, {.connect = 5s});
   EXPECT_TRUE(contains(text, "received datagrams of 1376 bytes")) << text;
 }
 

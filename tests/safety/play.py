@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from answers import Answers
 from draw import HOME, TOPIC, Draw, is_led
 from judge import (
     Standing,
@@ -92,6 +93,9 @@ class Outcome:
     ran: collections.Counter[str] = dataclasses.field(default_factory=collections.Counter)  # kinds, in how many skills and changes
     commands: int = 0  # that were judged
     seconds: float = 0.0  # simulated
+    answers: int = 0
+    late_answers: int = 0
+    longest_answer: float = 0.0  # s
     endings: dict[str, int] = dataclasses.field(default_factory=dict)
     said: list[str] = dataclasses.field(default_factory=list)  # what happened, event by event
 
@@ -124,6 +128,7 @@ class Player:
         self._place: int | None = None  # of the event
         self._expected: set[str] = set()  # errors that the event provokes
         self._pushed = False  # by somebody, in this event
+        self._answers = Answers(self._is_late)
         self._alone = True  # nobody has killed the server in this event
         self._motions: list = []
         self._connect()
@@ -140,10 +145,12 @@ class Player:
             for client in (self._fa, self._other):
                 client.close()
             self._outcome.endings = dict(self._endings)
+            self._outcome.answers, self._outcome.longest_answer = self._answers.number, self._answers.longest
 
     def _play(self, event: Event) -> None:
         self._place = event.seed[1]
         self._expected, self._alone, self._pushed = set(), True, False
+        self._answers.counts = True
         state = self._fa.get_arm_state().robot
         matrix = np.array(state.O_T_EE).reshape(4, 4).T
         pose = RigidTransform(matrix[:3, :3], matrix[:3, 3])
@@ -323,7 +330,7 @@ class Player:
         self._judge_commands()
         names = {wall.name for wall in self._there()}
         self._expected.add("communication_constraints_violation")
-        self._alone = False
+        self._alone = self._answers.counts = False
         self._run(draw.skill())
         self._pass(draw.uniform(0, 0.4))
         how = draw.one([signal.SIGKILL, signal.SIGSEGV, signal.SIGSTOP])
@@ -512,6 +519,10 @@ class Player:
     def _found(self, kind: str, text: str) -> None:
         self._outcome.violations.append(Violation(kind, " ".join(text.split())[:400], self._place))
         self._say(f"! {kind}: {text}")
+
+    def _is_late(self, kind: str, took: float) -> None:
+        self._outcome.late_answers += 1
+        self._say(f"{kind} was answered after {took:.2f} s")
 
     def _say(self, text: str) -> None:
         self._outcome.said.append(f"{self._place}: {text}")

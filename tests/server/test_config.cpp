@@ -154,6 +154,8 @@ TEST(Config, EachErrorSaysWhereWhatAndWhatElse) {
        "arms.toml:7: arm.wall.corners = [ 1, 0 ]: expected 3 numbers x, y, z"},
       {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'mesh'\ncorners = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]\ntriangles = [[0, 1, 2]]\n",
        "arms.toml:4: Wall \"a\" is not closed"},
+      {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'mesh'\ncorners = [[0, 0, 0]]\ntriangles = [[0, 1, 2.5]]\n",
+       "arms.toml:8: arm.wall.triangles = [ [ 0, 1, 2.5 ] ]: expected whole numbers of corners"},
       {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'box'\nsize = [1, nan, 1]\n", "arms.toml:7: arm.wall.size[1] = nan: expected edges"},
       {kArm + "[[arm.wall]]\nname = 'a'\nshape = 'plane'\n[[arm.wall]]\nname = 'a'\nshape = 'plane'\n",
        "arms.toml:7: arm.wall.name = 'a': another wall has this name"},

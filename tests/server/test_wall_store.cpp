@@ -4,8 +4,10 @@
 #include <spdlog/fmt/fmt.h>
 #include <unistd.h>
 
+#include <array>
 #include <filesystem>
 #include <fstream>
+#include <span>
 
 #include "server/refused.hpp"
 #include "server/shared_memory.hpp"
@@ -237,6 +239,28 @@ TEST_F(WallStoreTest, what_cannot_be_kept_is_not_there) {
   WallStore store({}, -1, file_);
   EXPECT_THROW(store.change(put(sphere("bench", 0.2, true))), std::exception);
   EXPECT_TRUE(names(store).empty());
+}
+
+TEST_F(WallStoreTest, a_thin_wall_between_two_samples_of_a_way_is_seen) {
+  WallStore store({});
+  proto::Wall wall;
+  wall.set_name("glass");
+  for (const double each : {1., 0.001, 1.}) wall.mutable_box()->add_size(each);
+  for (const double each : {0.85, 0., 0.5}) wall.add_position(each);
+  for (const double each : {1., 0., 0., 0.}) wall.add_orientation(each);
+  store.change(put(wall), {});
+  const auto walls = store.make(models::arm("fr3"), true);
+  std::array<realtime::Vector7, 3> way;
+  way.fill(realtime::Vector7::Map(models::kHome.data()));
+  way[0][0] = -0.6;
+  way[1][0] = way[2][0] = 0.6;
+  check_walls(*walls, store, std::span(way).last(2), "this");
+  try {
+    check_walls(*walls, store, way, "this");
+    ADD_FAILURE() << "it was let through";
+  } catch (const Refused& refused) {
+    EXPECT_NE(std::string(refused.what()).find("wall \"glass\" at "), std::string::npos) << refused.what();
+  }
 }
 
 }  // namespace

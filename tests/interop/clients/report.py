@@ -150,8 +150,9 @@ def run(capabilities: list[tuple[str, Callable[[], None]]], recover: Callable[[]
     """
     failed = False
     for name, attempt in capabilities:
-        for _ in range(ATTEMPTS):
-            verdict, why = "OK", ""
+        before = ""
+        for attempt_number in range(1, ATTEMPTS + 1):
+            verdict, why = "OK", before and f"in attempt {attempt_number}, after {before}"
             try:
                 attempt()
             except NotImplementedError as error:
@@ -160,8 +161,9 @@ def run(capabilities: list[tuple[str, Callable[[], None]]], recover: Callable[[]
                 verdict, why = "FAIL", " ".join(f"{type(error).__name__}: {error}".split())
                 with contextlib.suppress(Exception):  # the next attempt will tell
                     recover()
-            if not was_late(why):
+            if verdict != "FAIL" or not was_late(why):
                 break
+            before = why
         failed |= verdict == "FAIL"
         print(name, verdict, why, sep="\t", flush=True)
     sys.exit(failed)
