@@ -986,10 +986,12 @@ void Loop::begin_again() noexcept {
   }
   const int left = begins_for_ - 1;
   Skill* const waits = next_;
+  const fci::RobotCommand before = command_;  // who leaves the motion in this cycle leaves it there
   next_ = std::exchange(skill_, nullptr);
   holder_ = nullptr;
   for (const auto& input : next_->inputs) input->begin_again();
   begin_motion();
+  command_ = before;
   next_ = waits;
   begins_for_ = left;
   begins_ = true;

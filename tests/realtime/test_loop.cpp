@@ -726,6 +726,24 @@ TEST_F(LoopTest, WhatTakesOverFromAMotionOfWhichTheFirstCommandsAreLostBeginsItT
   }
 }
 
+TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostIsLeftWhereItBegan) {
+  for (const int lost : {1, 2, 7}) {
+    for (const int after : {0, 1, 2}) {
+      SCOPED_TRACE(std::to_string(lost) + " lost, left after " + std::to_string(after));
+      const std::size_t before = results.size();
+      give(std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits), std::make_unique<Internal>());
+      robot.lose = lost;
+      ASSERT_TRUE(until(Phase::kRunning));
+      cycles(after);
+      give_torque();  // of another mode
+      ASSERT_TRUE(until([&] { return results.size() == before + 2; }));
+      EXPECT_EQ(results.back().ending, Ending::kTerminated);
+      EXPECT_TRUE(robot.obeyed()) << robot.judgement();
+      ASSERT_TRUE(until(Phase::kIdle, 4000));
+    }
+  }
+}
+
 TEST_F(LoopTest, AChangeWaitsUntilTheFirstCommandHasCome) {
   const auto steep = [&] { return std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits); };
   for (const int lost : {0, 1, 2, 7}) {
