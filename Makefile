@@ -73,15 +73,16 @@ types: programs $(VENV)/.frankapy ## check the types of the Python package
 	cd python && $(CURDIR)/$(VENV)/bin/python -m mypy --junit-xml $(JUNIT)/types.xml
 
 # With none to run again, ctest would run all, and pytest has status 5.
+ABOUT_WALL_TIME = -m wall --timeout 60
 LAST_FAILED = $(BUILD)/Testing/Temporary/LastTestsFailed.log
 wall: build $(VENV)/.frankapy
 	$(if $(AGAIN),,rm -f $(LAST_FAILED))
 	$(if $(AGAIN),test ! -s $(LAST_FAILED) || { none=5; false; } ||) $(CTEST) -j 1 -L wall; cpp=$$?; \
-	  { $(PYTEST) -m wall --timeout 60 || test $$? = "$$none"; } && exit $$cpp
+	  { $(PYTEST) $(ABOUT_WALL_TIME) || test $$? = "$$none"; } && exit $$cpp
 
 wall-20: build $(VENV)/.frankapy
 	failed=0; for i in $$(seq 20); do $(subst ctest.xml,ctest-$$i.xml,$(CTEST)) -j 1 -L wall || failed=1; \
-	  $(PYTEST:pytest.xml=pytest-$$i.xml) -m wall --timeout 60 || failed=1; done; exit $$failed
+	  $(PYTEST:pytest.xml=pytest-$$i.xml) $(ABOUT_WALL_TIME) || failed=1; done; exit $$failed
 
 bench-programs: build
 	@$(ALONE); cmake --build $(BUILD) -j $(JOBS) --target bench/all

@@ -37,7 +37,7 @@ def recording(server: Connection) -> Iterator[Callable[[], proto.RecordingStatus
     before = ask(on=True).states
     try:
         wait(lambda status: status.open and status.states != before)
-        yield lambda: ask(on=True if inside else None)  # asked again: this client may have had to connect anew
+        yield lambda: ask(on=inside or None)  # asked again: this client may have had to connect anew
     finally:
         inside = False
         ask(on=False)

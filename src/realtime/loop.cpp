@@ -309,6 +309,7 @@ void Loop::prepare_motion() noexcept {
       move_id_ = driver_.post(move);
     }
     if (robot_matches()) {
+      command_ = {};
       begin_motion();
     } else if (overdue()) {
       driver_.post(fci::StopMove{});  // should it start after all
@@ -952,7 +953,6 @@ void Loop::start_motion(bool release) noexcept {
 
 // The robot's modes match: the first command is due in this cycle.
 void Loop::begin_motion() noexcept {
-  command_ = {};
   tau_J_d_.setZero();
   cycle_.tau_J_d.setZero();
   faulty_ = stop_sent_ = false;
@@ -986,12 +986,10 @@ void Loop::begin_again() noexcept {
   }
   const int left = begins_for_ - 1;
   Skill* const waits = next_;
-  const fci::RobotCommand before = command_;  // who leaves the motion in this cycle leaves it there
   next_ = std::exchange(skill_, nullptr);
   holder_ = nullptr;
   for (const auto& input : next_->inputs) input->begin_again();
-  begin_motion();
-  command_ = before;
+  begin_motion();  // with the command before, of which there is need where the motion is left in this cycle
   next_ = waits;
   begins_for_ = left;
   begins_ = true;

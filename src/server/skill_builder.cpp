@@ -35,7 +35,7 @@ constexpr int kPathSamples = 8;
 // Between the places of a way that are looked at, about: s, and as far as kEnoughSamples go m and rad.
 constexpr double kSampleTime = 0.02, kSampleLength = 0.002;
 constexpr int kLeastSamples = 20, kEnoughSamples = 100;
-constexpr int kMostJointSamples = 100'000, kMostPoseSamples = 2'500;  // which take some 0.1 s on a slow computer
+constexpr int kMostJointSamples = 100'000, kMostPoseSamples = 2'500;  // 0.06 s and 0.01 s, with 31 walls
 constexpr int kSteps = 3;     // of inverse kinematics from one place to the next, of a way of poses
 constexpr int kFirstSteps = 20;  // to its first, which an arm is beside that does not follow exactly; at most
 constexpr double kStill = 1e-9;  // rad: a step that leads nowhere

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 
 #include "realtime/walls/mesh.hpp"
@@ -300,38 +299,40 @@ void tell_nearer(const realtime::Walls& walls, const WallStore& names, const rea
 void check_walls(const realtime::Walls& walls, const WallStore& names, std::span<const realtime::Vector7> way,
                  const std::string& what) {
   if (walls.walls.empty() || way.empty()) return;
+  struct Pair {
+    const realtime::Wall* wall;
+    std::size_t capsule;
+    double least = 0;  // distance that there may be, m
+    double due = 0;    // how far the arm has gone, at most, where it may be there, m
+  };
   const auto& capsules = walls.arm.all();
   realtime::ArmCapsules::Place place;
-  // Of each capsule and wall: the least distance that there may be, and how far the arm has gone, at most, where it may be there, m.
-  std::vector<double> least, due;
-  const auto look = [&](const realtime::Vector7& q, double gone, double share) {
-    walls.arm.place(q, place);
-    double next = std::numeric_limits<double>::infinity();
-    std::size_t pair = 0;
-    for (std::size_t c = 0; c < capsules.size(); ++c) {
-      for (const auto& wall : walls.walls) {
-        if (const bool first = due.size() == pair; first || gone >= due[pair]) {
-          const double distance = realtime::nearest(wall.shape, place.a[c], place.b[c]).distance - capsules[c].radius;
-          if (first) {
-            least.push_back(std::min(distance - 1e-4, realtime::WallGuard::kClearance));
-            due.push_back(0);
-          } else if (distance < least[pair]) {
-            refuse(fmt::format("{}: {} would come {} wall \"{}\" {}: motions keep {:.0f} mm away from it. Choose another goal or way, or "
-                               "change the wall (fa.walls)",
-                               what, name_of_link(capsules[c].link),
-                               distance < 0 ? fmt::format("{:.0f} mm into", -1e3 * distance) : fmt::format("within {:.1f} mm of", std::floor(1e4 * distance) / 10),
-                               names.name(wall.id), share == 1 ? "at its goal" : fmt::format("at {:.0f} % of its way", 100 * share),
-                               1e3 * realtime::WallGuard::kClearance));
-          }
-          due[pair] = gone + distance - least[pair];
-        }
-        next = std::min(next, due[pair]);
-        ++pair;
-      }
-    }
-    return next;
+  const auto distance_of = [&](const Pair& pair) {
+    return realtime::nearest(pair.wall->shape, place.a[pair.capsule], place.b[pair.capsule]).distance - capsules[pair.capsule].radius;
   };
-  double gone = 0, next = look(way[0], 0, 0);
+  const auto look = [&](Pair& pair, double gone, double share) {
+    const double distance = distance_of(pair);
+    if (distance < pair.least) {
+      refuse(fmt::format("{}: {} would come {} wall \"{}\" {}: motions keep {:.0f} mm away from it. Choose another goal or way, or "
+                         "change the wall (fa.walls)",
+                         what, name_of_link(capsules[pair.capsule].link),
+                         distance < 0 ? fmt::format("{:.0f} mm into", -1e3 * distance) : fmt::format("within {:.1f} mm of", std::floor(1e4 * distance) / 10),
+                         names.name(pair.wall->id), share == 1 ? "at its goal" : fmt::format("at {:.0f} % of its way", 100 * share),
+                         1e3 * realtime::WallGuard::kClearance));
+    }
+    pair.due = gone + distance - pair.least;
+  };
+  std::vector<Pair> pairs;
+  walls.arm.place(way[0], place);
+  for (std::size_t c = 0; c < capsules.size(); ++c) {
+    for (const auto& wall : walls.walls) {
+      Pair& pair = pairs.emplace_back(Pair{&wall, c});
+      pair.least = std::min(distance_of(pair) - 1e-4, realtime::WallGuard::kClearance);
+      look(pair, 0, 0);
+    }
+  }
+  const auto next_due = [&] { return std::ranges::min_element(pairs, {}, &Pair::due)->due; };
+  double gone = 0, next = next_due();
   for (std::size_t k = 1; k < way.size(); ++k) {
     const realtime::Vector7 step = way[k] - way[k - 1];
     const double length = walls.arm.reach() * step.lpNorm<1>(), from = gone;
@@ -342,7 +343,12 @@ void check_walls(const realtime::Walls& walls, const WallStore& names, std::span
     for (double part = 1; part <= parts; ++part) {
       const double on = part / parts, here = from + on * length;
       if (here < next) continue;
-      next = look(way[k - 1] + on * step, here, (static_cast<double>(k - 1) + on) / static_cast<double>(way.size() - 1));
+      const double share = (static_cast<double>(k - 1) + on) / static_cast<double>(way.size() - 1);
+      walls.arm.place(way[k - 1] + on * step, place);
+      for (Pair& pair : pairs) {
+        if (here >= pair.due) look(pair, here, share);
+      }
+      next = next_due();
     }
   }
 }

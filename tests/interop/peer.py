@@ -37,7 +37,7 @@ def run_installed(name: str, version: str, run: Callable[[Path], Iterable[Result
     """What `run` gives with the Python of a program; where that cannot be had, a row that says so: the others run."""
     try:
         python = environment(name, version)
-    except OSError as error:
+    except (OSError, subprocess.CalledProcessError) as error:
         yield Result(f"{name} {version}", "", NOT_INSTALLED, False, str(error))
         return
     yield from run(python)
@@ -58,10 +58,7 @@ def environment(name: str, version: str) -> Path:
         stamp = folder / ".installed"
         if not stamp.exists():
             print(f"installing {name} {version} in {folder}", flush=True)
-            try:
-                subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
-            except subprocess.CalledProcessError as error:
-                raise OSError(f"no environment for {name} {version}: {error}") from error
+            subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
             install = [folder / "bin" / "python", "-m", "pip", "install", "--no-compile", "--no-deps", "--quiet"]
             install += ["--disable-pip-version-check", "-r", PINS / f"{name}-{version}.txt"]
             done = subprocess.run(install, stderr=subprocess.PIPE, text=True, check=False)

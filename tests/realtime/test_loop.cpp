@@ -308,6 +308,9 @@ class LoopTest : public testing::Test {
     }
   }
 
+  std::unique_ptr<TrajectoryGenerator> steep() {
+    return std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits);
+  }
   std::unique_ptr<TrajectoryGenerator> by(double delta, double duration) {
     return std::make_unique<RelativeMinJerkJoint>(
         RelativeMinJerkJoint::Parameters{Vector7::Constant(delta), duration}, robot.limits);
@@ -697,7 +700,7 @@ TEST_F(LoopTest, GoesOnFromWhereTheRobotIsWhenCommandsWereLost) {
 
 TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostBeginsAnew) {
   for (const int lost : {0, 1, 2, 7}) {
-    give(std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits), std::make_unique<Internal>());
+    give(steep(), std::make_unique<Internal>());
     robot.lose = lost;
     ASSERT_TRUE(until_result());
     EXPECT_EQ(results.back().ending, Ending::kTerminated);
@@ -708,7 +711,6 @@ TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostBeginsAnew) {
 }
 
 TEST_F(LoopTest, WhatTakesOverFromAMotionOfWhichTheFirstCommandsAreLostBeginsItToo) {
-  const auto steep = [&] { return std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits); };
   for (const int lost : {0, 1, 2, 7}) {
     for (const int after : {0, 1, 2, 3, 6, 7}) {
       SCOPED_TRACE(std::to_string(lost) + " lost, the next after " + std::to_string(after));
@@ -731,7 +733,7 @@ TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostIsLeftWhereItBegan) {
     for (const int after : {0, 1, 2}) {
       SCOPED_TRACE(std::to_string(lost) + " lost, left after " + std::to_string(after));
       const std::size_t before = results.size();
-      give(std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits), std::make_unique<Internal>());
+      give(steep(), std::make_unique<Internal>());
       robot.lose = lost;
       ASSERT_TRUE(until(Phase::kRunning));
       cycles(after);
@@ -745,7 +747,6 @@ TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostIsLeftWhereItBegan) {
 }
 
 TEST_F(LoopTest, AChangeWaitsUntilTheFirstCommandHasCome) {
-  const auto steep = [&] { return std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits); };
   for (const int lost : {0, 1, 2, 7}) {
     SCOPED_TRACE(lost);
     const std::uint64_t id = give(steep(), std::make_unique<Internal>());
@@ -768,7 +769,7 @@ TEST_F(LoopTest, AChangeWaitsUntilTheFirstCommandHasCome) {
 
 TEST_F(LoopTest, AMotionOfWhichTheFirstCommandsAreLostBeginsAnewWhereAnotherIsQueued) {
   for (const int lost : {1, 2, 7}) {
-    give(std::make_unique<SteepTrajectory>(MinJerkJoint::Parameters{robot.q(), 0.1}, robot.limits), std::make_unique<Internal>());
+    give(steep(), std::make_unique<Internal>());
     ASSERT_TRUE(until(Phase::kStarting));
     give_after(0.1, 0.5);
     robot.lose = lost;

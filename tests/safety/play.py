@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from answers import Answers
+from answers import time_answers
 from draw import HOME, TOPIC, Draw, is_led
 from judge import (
     Standing,
@@ -45,6 +45,8 @@ READY = 120  # s of the wall, for an arm to be ready again
 REPORTED = 60  # s of the wall, for the result of a skill that has been stopped
 COMES_BESIDE = 0.02  # m, from the arm at rest to a wall that comes
 COMES_AHEAD = 0.35  # m, from an arm that moves
+LATE = 1.0  # s, for an answer
+RECOVERS = "recover"  # is answered when the arm has recovered
 MOST_WALLS = 5
 SWITCHES = 5  # times some skills, of an event that is made of them
 # Far enough for pushes of 30 N: what the campaign looks for are not reflexes of the robot.
@@ -128,8 +130,8 @@ class Player:
         self._place: int | None = None  # of the event
         self._expected: set[str] = set()  # errors that the event provokes
         self._pushed = False  # by somebody, in this event
-        self._answers = Answers(self._is_late)
         self._alone = True  # nobody has killed the server in this event
+        time_answers(self._answered)
         self._motions: list = []
         self._connect()
         self._home_joints()
@@ -145,12 +147,10 @@ class Player:
             for client in (self._fa, self._other):
                 client.close()
             self._outcome.endings = dict(self._endings)
-            self._outcome.answers, self._outcome.longest_answer = self._answers.number, self._answers.longest
 
     def _play(self, event: Event) -> None:
         self._place = event.seed[1]
         self._expected, self._alone, self._pushed = set(), True, False
-        self._answers.counts = True
         state = self._fa.get_arm_state().robot
         matrix = np.array(state.O_T_EE).reshape(4, 4).T
         pose = RigidTransform(matrix[:3, :3], matrix[:3, 3])
@@ -330,7 +330,7 @@ class Player:
         self._judge_commands()
         names = {wall.name for wall in self._there()}
         self._expected.add("communication_constraints_violation")
-        self._alone = self._answers.counts = False
+        self._alone = False
         self._run(draw.skill())
         self._pass(draw.uniform(0, 0.4))
         how = draw.one([signal.SIGKILL, signal.SIGSEGV, signal.SIGSTOP])
@@ -520,9 +520,14 @@ class Player:
         self._outcome.violations.append(Violation(kind, " ".join(text.split())[:400], self._place))
         self._say(f"! {kind}: {text}")
 
-    def _is_late(self, kind: str, took: float) -> None:
-        self._outcome.late_answers += 1
-        self._say(f"{kind} was answered after {took:.2f} s")
+    def _answered(self, kind: str, took: float) -> None:
+        if not self._alone or kind == RECOVERS:
+            return
+        self._outcome.answers += 1
+        self._outcome.longest_answer = max(self._outcome.longest_answer, took)
+        if took > LATE:
+            self._outcome.late_answers += 1
+            self._say(f"{kind} was answered after {took:.2f} s")
 
     def _say(self, text: str) -> None:
         self._outcome.said.append(f"{self._place}: {text}")

@@ -92,6 +92,13 @@ class TransportTest : public testing::Test {
     return client;
   }
 
+  void publish_until_heard(auto& subscriber) {
+    while (!subscriber.next(zmq::recv_flags::dontwait)) {
+      publish();
+      std::this_thread::sleep_for(1ms);
+    }
+  }
+
   zmq::context_t context_;
   BlackBox box_;
   realtime::Door door_{box_.records};
@@ -954,19 +961,13 @@ TEST_F(TransportTest, WhoSubscribesToTooMuchIsCutOffAndNobodyElse) {
 
 TEST_F(TransportTest, WhatIsNoSubscriptionIsNotTakenForOne) {
   Subscriber honest(context_, publisher_.endpoint(), "1 cycles");
-  while (!honest.next(zmq::recv_flags::dontwait)) {
-    publish();
-    std::this_thread::sleep_for(1ms);
-  }
+  publish_until_heard(honest);
   zmq::socket_t odd(context_, zmq::socket_type::xsub);
   odd.set(zmq::sockopt::linger, 0);
   odd.connect(publisher_.endpoint());
   for (int n = 2; n < 200; ++n) odd.send(zmq::buffer("\x02" + std::to_string(n)), zmq::send_flags::none);
   Subscriber other(context_, publisher_.endpoint(), "3 cycles");  // there is room for it still
-  while (!other.next(zmq::recv_flags::dontwait)) {
-    publish();
-    std::this_thread::sleep_for(1ms);
-  }
+  publish_until_heard(other);
   EXPECT_TRUE(honest.next());
 }
 
@@ -1016,10 +1017,7 @@ TEST_F(TransportTest, WhoCancelsWhatOthersListenToSilencesNobody) {
     publish();
     return honest.next().has_value();
   };
-  while (!honest.next(zmq::recv_flags::dontwait)) {
-    publish();
-    std::this_thread::sleep_for(1ms);
-  }
+  publish_until_heard(honest);
   const std::string topic = std::string("1 cycles") + '\0';
   for (const std::string& message : {'\0' + topic, '\1' + topic + '\1', '\1' + topic}) {
     RawSubscriber raw(publisher_.endpoint());
