@@ -25,11 +25,13 @@ TRUTH = FOLDER / "truth.npy"
 CARRY = np.array([0.0, 0.3, 0.0])  # m, from where the block is to where it should be
 ABOVE = np.array([0.0, 0.0, 0.12])  # m
 ALLOWED = 0.01  # m beside the goal
+LATE = 1.0  # ms, by which a cycle is
+NAMED = 5  # of these, the worst
 SHOWN = ("joint move", "pose delta, server's impedance", "grasp", "lift", "carry", "away")  # the ends of these
 
 
 class Recorder:
-    """Keeps every state that the server publishes, in a thread."""
+    """Keeps one in four of the states that the server publishes, in a thread."""
 
     def __init__(self, fa: FrankaArm) -> None:
         self.states: list[proto.ArmState] = []
@@ -122,6 +124,12 @@ def tell_late(simulation: Simulation, states: list[proto.ArmState]) -> None:
         f"{1000 * truth.worst_delay:.1f} ms at the most.",
         file=sys.stderr,
     )
+    # Of the computer and of the robot, ms.
+    clocks = np.array([(1e-6 * state.time_ns, state.robot.message_id) for state in states]).reshape(-1, 2)
+    behind = np.diff(clocks[:, 0]) - np.diff(clocks[:, 1])
+    worst = [f"{clocks[k + 1, 1]:.0f} ({behind[k]:.1f} ms)" for k in np.sort(np.argsort(behind)[-NAMED:]) if behind[k] > LATE]
+    if worst:
+        print(f"Cycles that came latest after those before them: {', '.join(worst)}.", file=sys.stderr)
     if lost:
         starts = [t for before, t in zip([-1.0, *lost], lost, strict=False) if t > before + 0.1]
         print(f"Commands were missing at {', '.join(f'{t:.1f}' for t in starts)} s of the robot's clock.", file=sys.stderr)

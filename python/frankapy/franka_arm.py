@@ -114,6 +114,7 @@ class FrankaArm:
         self._finalizer = weakref.finalize(self, self._connection.close)
         stop_on_interrupt(self._connection)
         self._connection.wait_until_ready()
+        self.walls.warn_of_near()
 
     def __repr__(self) -> str:
         if self._connection is None:

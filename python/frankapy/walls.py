@@ -169,6 +169,10 @@ class Walls(Mapping[str, proto.Wall]):
         _place(named, RigidTransform(rotation, tool[:3, :3] @ named.position + tool[:3, 3])).held = True
         self._put([named])
 
+    def warn_of_near(self) -> None:
+        """Warn of each wall that the arm is in, or nearer to than motions keep, as a new client does."""
+        self._warn(self._change(proto.ChangeWalls()))
+
     def remove(self, *names: str) -> None:
         """Remove these.
 
@@ -207,8 +211,10 @@ class Walls(Mapping[str, proto.Wall]):
         return f"Walls({', '.join(texts)})"
 
     def _put(self, walls: list[proto.Wall]) -> None:
-        answer = self._change(proto.ChangeWalls(put=walls))
-        for near in answer.nearer:
+        self._warn(self._change(proto.ChangeWalls(put=walls)))
+
+    def _warn(self, walls: proto.Walls) -> None:
+        for near in walls.nearer:
             where = f"{-1e3 * near.distance:.0f} mm inside of" if near.distance < 0 else f"{1e3 * near.distance:.0f} mm before"
             logger.warning("%s is %s the wall %r: until it is 10 mm away the arm may only go away from it", near.link, where, near.wall)
 

@@ -304,7 +304,7 @@ void Transport::change_walls(const Address& from, const proto::ChangeWalls& chan
   proto::Reply reply;
   proto::Walls& walls = *reply.mutable_walls();
   walls = arm_.walls();
-  if (const auto now = publisher_.newest(); now && changes) arm_.tell_nearer(realtime::Vector7::Map(now->state.q.data()), walls);
+  if (const auto now = publisher_.newest()) arm_.tell_nearer(realtime::Vector7::Map(now->state.q.data()), walls);
   answers_.send(from, reply);
 }
 

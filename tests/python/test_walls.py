@@ -125,7 +125,7 @@ def test_another_client_changes_nothing_while_this_one_commands(walled, ideal_ar
             other.walls.clear()
 
 
-def test_a_wall_that_comes_where_the_arm_is_is_told_with_the_link(walled, caplog):
+def test_a_wall_where_the_arm_is_is_told_with_the_link_when_it_comes_and_to_who_connects(walled, ideal_arm, caplog):
     walled.walls.add("far", Sphere(0.1, [-0.5, 0.5, 0.5]))
     assert not caplog.records
     tool = walled.get_pose().translation
@@ -134,6 +134,8 @@ def test_a_wall_that_comes_where_the_arm_is_is_told_with_the_link(walled, caplog
     assert re.match(r"the hand or what it holds is \d+ mm inside of the wall 'ball': .* the arm may only go away", record.message)
     walled.walls.remove("far")
     assert len(caplog.records) == 1
+    with ideal_arm.client():
+        assert [each.message for each in caplog.records] == 2 * [record.message]
 
 
 def test_boxes_of_the_published_interface_are_walls(walled):

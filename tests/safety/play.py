@@ -230,24 +230,30 @@ class Player:
         there = self._there()
         if there and (len(there) >= MOST_WALLS or draw.chance(0.3)):
             gone = draw.one([wall.name for wall in there])
-            self._ends({gone})
+            self._ends({gone}, self._control.truth().cycle)
             self._try(lambda: walls.remove(gone))
             return
         moving = draw.chance(0.3)
         if moving:
             self._run(draw.skill())
             self._pass(draw.uniform(0, 0.3))
+        name = f"wall {self._place}"
+        if there and draw.chance(0.3):  # one that is there becomes another
+            name = draw.one([wall.name for wall in there])
+            there = [wall for wall in there if wall.name != name]
         q = self._control.truth().q
         held = [held_capsule(body) for body in there if body.held]
         for _ in range(20):
             wall = draw.wall()
-            wall.name = f"wall {self._place}"
+            wall.name = name
             if wall.held:
                 gaps = [clearance(other, q, [held_capsule(wall)]) for other in [FLOOR, *there] if not other.held]
             else:
                 gaps = [clearance(wall, q, [*capsules(), *held])]
             if min(gaps) > (COMES_AHEAD if moving else COMES_BESIDE):
-                if self._try(lambda wall=wall: walls.add(wall.name, wall)):
+                before = self._control.truth().cycle
+                if self._try(lambda wall=wall: walls.add(name, wall)):
+                    self._ends({name}, before)
                     # The loop takes it in its next cycle.
                     self.standing.append(Standing(wall, self._control.truth().cycle + 2))
                     self._say(f"{wall.WhichOneof('shape')} {wall.name!r}")
@@ -255,7 +261,7 @@ class Player:
 
     def _home(self, _: Draw) -> None:
         names = {wall.name for wall in self._there()}
-        self._ends(names)
+        self._ends(names, self._control.truth().cycle)
         self._try(lambda: self._fa.walls.remove(*names))
         self._home_joints()
 
@@ -431,8 +437,7 @@ class Player:
     def _there(self) -> list[proto.Wall]:
         return [standing.wall for standing in self.standing if standing.end is None and not standing.wall.fixed]
 
-    def _ends(self, names: set[str]) -> None:
-        cycle = self._control.truth().cycle
+    def _ends(self, names: set[str], cycle: int) -> None:
         for standing in self.standing:
             if standing.wall.name in names and standing.end is None:
                 standing.end = cycle
