@@ -232,21 +232,21 @@ def messages(bad):
     return bad_part_pb2
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def two_arms(bad):
     arm = SimulatedArm(ideal=True, lockstep=True)
     with Simulation(arm, arm, load=[bad / "libbad_part.so"]) as simulation:
         yield simulation
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def prompt_arm(bad):
     """Return a simulation whose arm keeps real time."""
     with Simulation(SimulatedArm(ideal=True), load=[bad / "libbad_part.so"]) as simulation:
         yield simulation
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def patient_arm(bad):
     """Return a simulation whose arm waits for every command, however long a part takes."""
     with Simulation(SimulatedArm(ideal=True, lockstep=True), load=[bad / "libbad_part.so"]) as simulation:
@@ -315,7 +315,7 @@ def test_the_tutorials_parts_are_short():
         assert blocks()[f"{name}.cpp"].count("\n") <= 60
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def tutorial_arm(tutorial, tmp_path_factory):
     truth = tmp_path_factory.mktemp("truth") / "truth.npy"
     libraries = [built / f"lib{name}.so" for name, built in tutorial.items()]

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import FASTEST, HOME, REPOSITORY
+from conftest import FASTEST, HOME, REPOSITORY, starting
 
 from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, RigidTransform, proto
 from frankapy.parts import CartesianImpedance, MinJerkPose, StayPose, Time
@@ -41,8 +41,9 @@ def robot(request) -> str:
 
 
 @pytest.fixture(scope="module")
-def arm(start_for_module, robot):
-    return start_for_module(robot=robot)
+def arm(request, tmp_path_factory, robot):
+    with contextlib.contextmanager(starting)(request, tmp_path_factory) as start:
+        yield start(robot=robot)
 
 
 @pytest.fixture
