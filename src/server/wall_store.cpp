@@ -95,6 +95,11 @@ bool hold(realtime::ArmCapsules& arm, const Shape& shape) {
   return arm.hold(shape.O_T_S * Vector3(-way), shape.O_T_S * way, radius);
 }
 
+// Between a wall and a capsule of the arm where that is placed, m; below 0 inside.
+double distance(const realtime::Wall& wall, const realtime::ArmCapsules& arm, const realtime::ArmCapsules::Place& place, std::size_t capsule) {
+  return realtime::nearest(wall.shape, place.a[capsule], place.b[capsule]).distance - arm.all()[capsule].radius;
+}
+
 [[noreturn]] void refuse(const std::string& text) { throw Refused(proto::Error::INVALID_ARGUMENT, text); }
 
 }  // namespace
@@ -283,9 +288,9 @@ void tell_nearer(const realtime::Walls& walls, const WallStore& names, const rea
     double least = realtime::WallGuard::kClearance;
     int link = 0;
     for (std::size_t c = 0; c < capsules.size(); ++c) {
-      const double distance = realtime::nearest(wall.shape, place.a[c], place.b[c]).distance - capsules[c].radius;
-      if (distance >= least) continue;
-      least = distance;
+      const double here = distance(wall, walls.arm, place, c);
+      if (here >= least) continue;
+      least = here;
       link = capsules[c].link;
     }
     if (least >= realtime::WallGuard::kClearance) continue;
@@ -307,27 +312,24 @@ void check_walls(const realtime::Walls& walls, const WallStore& names, std::span
   };
   const auto& capsules = walls.arm.all();
   realtime::ArmCapsules::Place place;
-  const auto distance_of = [&](const Pair& pair) {
-    return realtime::nearest(pair.wall->shape, place.a[pair.capsule], place.b[pair.capsule]).distance - capsules[pair.capsule].radius;
-  };
   const auto look = [&](Pair& pair, double gone, double share) {
-    const double distance = distance_of(pair);
-    if (distance < pair.least) {
+    const double there = distance(*pair.wall, walls.arm, place, pair.capsule);
+    if (there < pair.least) {
       refuse(fmt::format("{}: {} would come {} wall \"{}\" {}: motions keep {:.0f} mm away from it. Choose another goal or way, or "
                          "change the wall (fa.walls)",
                          what, name_of_link(capsules[pair.capsule].link),
-                         distance < 0 ? fmt::format("{:.0f} mm into", -1e3 * distance) : fmt::format("within {:.1f} mm of", std::floor(1e4 * distance) / 10),
+                         there < 0 ? fmt::format("{:.0f} mm into", -1e3 * there) : fmt::format("within {:.1f} mm of", std::floor(1e4 * there) / 10),
                          names.name(pair.wall->id), share == 1 ? "at its goal" : fmt::format("at {:.0f} % of its way", 100 * share),
                          1e3 * realtime::WallGuard::kClearance));
     }
-    pair.due = gone + distance - pair.least;
+    pair.due = gone + there - pair.least;
   };
   std::vector<Pair> pairs;
   walls.arm.place(way[0], place);
   for (std::size_t c = 0; c < capsules.size(); ++c) {
     for (const auto& wall : walls.walls) {
       Pair& pair = pairs.emplace_back(Pair{&wall, c});
-      pair.least = std::min(distance_of(pair) - 1e-4, realtime::WallGuard::kClearance);
+      pair.least = std::min(distance(wall, walls.arm, place, c) - 1e-4, realtime::WallGuard::kClearance);
       look(pair, 0, 0);
     }
   }

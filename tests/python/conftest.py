@@ -132,8 +132,10 @@ def client_after_crash(arm: Arm) -> Iterator[FrankaArm]:
         yield again
 
 
+@contextmanager
 def starting(request, tmp_path_factory):
-    """Give a function which starts simulated arms with a server; they run until the generator is closed.
+    """Give a function which starts simulated arms with a server; they run until the end of this, and one that idles takes a fifth of
+    a processor.
 
     An arm writes a truth file, 15 MB in a second of lockstep, where its module says TRUTH_FILE = True or start() is told to.
     """
@@ -152,8 +154,16 @@ def starting(request, tmp_path_factory):
             simulation.check()  # one that has ended says why
 
 
-start = pytest.fixture(starting)
-start_for_module = pytest.fixture(starting, scope="module")  # an arm that idles takes a third of a processor
+@pytest.fixture
+def start(request, tmp_path_factory):
+    with starting(request, tmp_path_factory) as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def start_for_module(request, tmp_path_factory):
+    with starting(request, tmp_path_factory) as start:
+        yield start
 
 
 @pytest.fixture(scope="module")

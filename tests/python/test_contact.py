@@ -1,7 +1,5 @@
 """What the arm does when it touches something: it is noticed at once, ends the skill softly, and no reflex is needed."""
 
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 from conftest import HOME, starting
@@ -33,7 +31,7 @@ DOWN = CartesianVelocity([0, 0, -0.1, 0, 0, 0], duration=0.8)
 
 @pytest.fixture(scope="module", params=["fer", "fr3"])
 def at_plate(request, tmp_path_factory):
-    with contextmanager(starting)(request, tmp_path_factory) as start:
+    with starting(request, tmp_path_factory) as start:
         yield start(robot=request.param, scene="sprung_plate", hold_time=600)  # as it has ended, until it is looked at
 
 

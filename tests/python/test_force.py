@@ -1,7 +1,5 @@
 """Laws that exert forces: what the arm then does to a plate, a hand, and itself, judged by the truth of the physics."""
 
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 from conftest import HOME, starting
@@ -29,7 +27,7 @@ DOWN = [0, 0, 1, 0, 0, 0]
 
 @pytest.fixture(scope="module", params=["fer", "fr3"])
 def at_plate(request, tmp_path_factory):
-    with contextmanager(starting)(request, tmp_path_factory) as start:
+    with starting(request, tmp_path_factory) as start:
         arm = start(robot=request.param, scene="plate")
         arm.simulation.set_friction("plate", 0.1)  # of something smooth; hard fingertips chatter on anything else
         yield arm

@@ -42,7 +42,7 @@ def robot(request) -> str:
 
 @pytest.fixture(scope="module")
 def arm(request, tmp_path_factory, robot):
-    with contextlib.contextmanager(starting)(request, tmp_path_factory) as start:
+    with starting(request, tmp_path_factory) as start:
         yield start(robot=robot)
 
 
