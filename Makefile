@@ -26,11 +26,11 @@ ALONE = exec 9< . && { flock -n 9 || { echo "Another make is at work here: waiti
 
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: help packages setup build programs demo demo-lockstep pictures test test-cpp test-python test-nightly types wall wall-20 \
+.PHONY: help packages setup build programs wheel demo demo-lockstep pictures test test-cpp test-python test-nightly types wall wall-20 \
 	bench bench-programs interop interop-lockstep safety safety-gate safety-lacking fuzz fuzz-gate sanitize asan asan-all tsan tsan-all gate nightly clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## install what is missing: system packages, .venv, frankapy in it
 	@$(ALONE); if test -e $(VENV) && ! { test -e $(VENV)/.frankapy && ! $(CONTENTS) | LC_ALL=C comm -13 - $(VENV)/.frankapy | grep -m 1 .; }; then \
@@ -43,13 +43,20 @@ build: $(BUILD)/build.ninja ## configure and compile programs and tests
 programs: $(BUILD)/build.ninja
 	@$(ALONE); cmake --build $(BUILD) -j $(JOBS) --target franka-interface fci-sim fci-render client wire_proto
 
+# Of a copy: setuptools writes into the folder that it packs.
+wheel: programs $(VENV)/.frankapy ## frankapy for other computers, in build/
+	@$(ALONE); rm -rf $(BUILD)/wheel $(BUILD)/frankapy-*.whl && mkdir -p $(BUILD)/wheel && \
+	find python -name __pycache__ -prune -o -type f -exec cp --parents -t $(BUILD)/wheel {} + && cp LICENSE $(BUILD)/wheel/python && \
+	$(VENV)/bin/python -m pip wheel --no-deps --no-build-isolation --disable-pip-version-check --quiet -w $(BUILD) $(BUILD)/wheel/python && \
+	ls $(BUILD)/frankapy-*.whl
+
 demo: programs $(VENV)/.frankapy ## watch a Python script move a simulated arm
 	$(VENV)/bin/python examples/demo.py
 
 pictures: programs $(VENV)/.frankapy ## draw the pictures of docs/tutorial.md anew
 	TUTORIAL_PICTURES=docs/tutorial $(VENV)/bin/python -m pytest tests/python/test_tutorial.py
 
-demo-lockstep: programs $(VENV)/.frankapy
+demo-lockstep: programs $(VENV)/.frankapy ## the same as `make demo`, as fast as this computer can
 	$(VENV)/bin/python examples/demo.py --lockstep
 
 test: test-cpp test-python ## run the C++ and the Python tests
@@ -75,7 +82,7 @@ types: programs $(VENV)/.frankapy ## check the types of the Python package
 # With none to run again, ctest would run all, and pytest has status 5.
 ABOUT_WALL_TIME = -m wall --timeout 60
 LAST_FAILED = $(BUILD)/Testing/Temporary/LastTestsFailed.log
-wall: build $(VENV)/.frankapy
+wall: build $(VENV)/.frankapy ## run the tests about wall time, which want the computer for themselves
 	$(if $(AGAIN),,rm -f $(LAST_FAILED))
 	$(if $(AGAIN),test ! -s $(LAST_FAILED) || { none=5; false; } ||) $(CTEST) -j 1 -L wall; cpp=$$?; \
 	  { $(PYTEST) $(ABOUT_WALL_TIME) || test $$? = "$$none"; } && exit $$cpp
@@ -101,7 +108,7 @@ HOURS = 20
 safety: programs $(VENV)/.frankapy ## look for violations of what keeps the arm safe, simulated hours of random skills and mishaps
 	$(VENV)/bin/python tests/safety/campaign.py $(if $(SEED),--seed $(SEED),--hours $(HOURS))
 
-safety-gate: programs $(VENV)/.frankapy
+safety-gate: programs $(VENV)/.frankapy ## the same for some minutes, always the same seeds
 	$(VENV)/bin/python tests/safety/campaign.py --gate $(JUNIT)/safety.xml
 
 # A kind of violation, and the server that lacks what is against it.

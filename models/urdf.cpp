@@ -42,6 +42,8 @@ std::string joint_head(int number, const char* type, const JointFrame& frame) {
 }  // namespace
 
 std::string urdf(const Arm& arm, std::uint16_t version) {
+  // Where speed does not depend on position: a client takes sqrt(2 deceleration distance) - offset for the most, and 0 would be that.
+  constexpr double kAnyDeceleration = 1e9;  // rad/s²
   const Limits& limits = models::limits(arm, version);
   std::string text = "<?xml version=\"1.0\"?>\n<robot name=\"" + std::string(arm.name) + "\">\n";
   text += link(0, arm.links[0]);
@@ -51,7 +53,7 @@ std::string urdf(const Arm& arm, std::uint16_t version) {
             attribute("upper", limits.q_max[i]) + attribute("velocity", limits.dq_max[i]) +
             attribute("effort", limits.tau_max[i]) + "/>\n    <position_based_velocity_limits" +
             attribute("velocity_offset", limits.envelope_offset[i]) +
-            attribute("deceleration_limit", limits.envelope_deceleration[i]) + "/>\n  </joint>\n";
+            attribute("deceleration_limit", limits.envelope_deceleration[i] != 0 ? limits.envelope_deceleration[i] : kAnyDeceleration) + "/>\n  </joint>\n";
     text += link(i + 1, arm.links[i + 1]);
   }
   text += joint_head(8, "fixed", arm.joints[7]) + "  </joint>\n  <link name=\"link8\"/>\n</robot>\n";

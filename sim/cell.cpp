@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <utility>
 
 namespace sim {
 namespace {
@@ -65,7 +66,7 @@ void Cell::run_cycle() {
   if (goes_on) {
     for (std::size_t i = 0; i < stations_.size(); ++i) {
       Station& station = *stations_[i];
-      drives_[i] = {station.robot.control(station.command), station.gripper.control(world_.truth(i).finger)};
+      drives_[i] = {station.robot.control(std::exchange(station.command, nullptr)), station.gripper.control(world_.truth(i).finger)};
     }
     world_.move(drives_);
     ++cycle_;
@@ -115,12 +116,17 @@ bool Cell::awaited() const {
 }
 
 void Cell::receive_commands() {
-  for (auto& station : stations_) station->command = nullptr;
+  // One that came before a pause has been answered by then, and does not come again.
+  for (auto& station : stations_) {
+    if (!station->robot.moving()) station->command = nullptr;
+  }
   if (!lockstep_) return keep_pace();
   serve();
   // Also of arms that are not waited for: one whose motion is to begin while another's runs. What comes in a pause stays where it is.
   if (time_ != Time::kPaused || steps_ > 0) {
-    for (auto& station : stations_) station->command = station->robot_server.receive();
+    for (auto& station : stations_) {
+      if (!station->command) station->command = station->robot_server.receive();
+    }
   }
   if (!awaited()) {
     // A command whose loss is known is not waited for.
@@ -154,7 +160,10 @@ void Cell::keep_pace() {
     if (!station->command) station->command = station->robot_server.receive();
   }
   const std::int64_t patience = std::max(late ? pace_.period() : 0, pace_.grace() - clock_.now());
-  if (patience > 0 && awaited()) wait_for_commands(patience);
+  if (patience <= 0 || !awaited()) return;
+  const std::int64_t before = clock_.now();
+  wait_for_commands(patience);
+  if (awaited()) pace_.waited_in_vain(clock_.now() - before);
 }
 
 void Cell::wait_for_commands(std::int64_t patience) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace sim {
 namespace {
@@ -43,7 +44,7 @@ void Pace::steady() {
 }
 
 void Pace::done() {
-  done_ = clock_.now();
+  done_ = clock_.now() - std::exchange(in_vain_, 0);
   const std::int64_t delay = done_ - deadline_;
   if (delay <= tolerance_) return;
   ++late_;

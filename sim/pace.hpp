@@ -26,6 +26,8 @@ class Pace {
     deadline_ = clock_.now();
     behind_ = 0;
   }
+  // For so long (ns), for a command that did not come: that is no lateness of this computer's.
+  void waited_in_vain(std::int64_t time) { in_vain_ = time; }
   // Something else was done for so long (ns), by intention.
   void postpone(std::int64_t time) { deadline_ += time; }
 
@@ -40,6 +42,7 @@ class Pace {
   const std::int64_t period_;
   const std::int64_t tolerance_;  // ns after its deadline from which a cycle counts as late: 0.2 ms
   std::int64_t deadline_, done_;
+  std::int64_t in_vain_ = 0;  // ns, of this cycle
   std::int64_t behind_ = 0;  // ns, to be made up for
   std::int64_t usual_ = 0;   // ns from the deadline until states are sent
   std::uint64_t late_ = 0;

@@ -23,7 +23,7 @@ from frankapy.doctor import BAD, NOTE, OK, WARN, Finding
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException, FrankaArmException
 from frankapy.recording import Recording
 from frankapy.terminal import colored, print_rows
-from frankapy.writing import write_picture
+from frankapy.writing import write_picture, writing_to
 
 COMPAT = Path(__file__).resolve().parent / "compat"  # the folder that stands in for ROS
 
@@ -257,14 +257,13 @@ _SHAPES = {"plane": 0, "box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "mesh
 
 def _walls(options: argparse.Namespace) -> int:
     from frankapy import FrankaArm, RigidTransform, walls
+    from frankapy.collision_boxes import rotation_from_rpy
 
     with FrankaArm(server=options.server, robot_num=options.arm) as fa:
         if options.change == "add":
             if len(options.size) != _SHAPES[options.shape]:
                 raise FrankaArmArgumentError(f"{options.shape} has {_SHAPES[options.shape]} lengths, and not {len(options.size)}")
-            roll, pitch, yaw = np.radians(options.turn)
-            turn = RigidTransform.y_axis_rotation(pitch) @ RigidTransform.x_axis_rotation(roll)
-            pose = RigidTransform(RigidTransform.z_axis_rotation(yaw) @ turn, options.at)
+            pose = RigidTransform(rotation_from_rpy(np.radians(options.turn)), options.at)
             if options.shape == "plane":
                 wall = walls.Plane(options.normal, options.at)
             elif options.shape == "box":
@@ -304,8 +303,9 @@ def _new(options: argparse.Namespace) -> int:
     from frankapy.new_part import package_folder, write_project
 
     folder = options.folder or Path(options.name)
-    for path in write_project(options.role, options.name, folder):
-        print(path)
+    with writing_to(folder):
+        files = write_project(options.role, options.name, folder)
+    print(*files, sep="\n")
     print("\nBuild and test it:")
     print(f"    cd {folder}\n    cmake -S . -B build -Dfranka-interface_DIR={package_folder()}")
     print("    cmake --build build\n    ctest --test-dir build")

@@ -11,6 +11,7 @@ from frankapy.client_key import KEY_VARIABLE, usual_file
 from frankapy.exceptions import FrankaArmException
 from frankapy.key_folder import ROLES, KeyFolder, write_client_key
 from frankapy.terminal import print_rows
+from frankapy.writing import require_writable, writing_to
 
 
 def add_commands(add: Callable[[str, object, str], argparse.ArgumentParser]) -> None:
@@ -36,7 +37,8 @@ def add_commands(add: Callable[[str, object, str], argparse.ArgumentParser]) -> 
 
 def _new(options: argparse.Namespace) -> int:
     folder = KeyFolder(options.folder)
-    folder.create()
+    with writing_to(folder.path):
+        folder.create()
     print(f"The server's keys are in {folder.path}. Each client needs one of its own: frankapy keys add NAME --role user")
     if options.folder:
         print(f"A server has them with --keys {folder.path}, or [keys] folder in its file.")
@@ -47,9 +49,15 @@ def _new(options: argparse.Namespace) -> int:
 
 def _add(options: argparse.Namespace) -> int:
     path = options.to or Path(f"{options.name}.key.json")
+    # Before the server knows the client: its secret is in that file alone.
+    require_writable(path)
     if path.exists():
         raise FrankaArmException(f"{path} is there already: name another file (--to FILE), or remove it.")
-    write_client_key(path, KeyFolder(options.folder).add(options.name, options.role))
+    folder = KeyFolder(options.folder)
+    with writing_to(folder.path):
+        key = folder.add(options.name, options.role)
+    with writing_to(path):
+        write_client_key(path, key)
     print(f"{path}: copy it to the client's computer, by a way that nobody else reads, as {usual_file()},")
     print(f"or anywhere and name it: FrankaArm(key=FILE), {KEY_VARIABLE}=FILE, frankapy --key FILE. A server that runs knows it at once.")
     return 0

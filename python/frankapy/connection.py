@@ -458,6 +458,18 @@ class Connection:
         return welcome
 
 
+class Connected:
+    """Something of a client that commands over a connection; offline there is none."""
+
+    _connection: Connection | None
+
+    @property
+    def _server(self) -> Connection:
+        if self._connection is None:
+            raise FrankaArmException("This needs a server, and this FrankaArm is offline.")
+        return self._connection
+
+
 def _name_of_this_client() -> str:
     try:
         user = getpass.getuser()

@@ -16,7 +16,7 @@ from frankapy import proto
 from frankapy.digits import digits
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.rigid_transform import RigidTransform
-from frankapy.validation import array, number, validate, vector, whole
+from frankapy.validation import array, number, numbers, validate, vector, whole
 
 CONTROL_PORT = 1339
 
@@ -203,10 +203,9 @@ class ControlChannel:
         if shape not in shapes:
             raise FrankaArmArgumentError(f"shape is {shape!r}: expected one of {', '.join(shapes)}")
         position, quaternion = _pose(pose)
-        sizes = np.atleast_1d(np.asarray(size, dtype=float)).ravel()
         self._ask(
             add_object=proto.AddObject(
-                name=name, shape=shape.upper(), size=sizes, mass=number("mass", mass), position=position,
+                name=name, shape=shape.upper(), size=numbers("size", size), mass=number("mass", mass), position=position,
                 quaternion=quaternion, friction=number("friction", friction), colour=vector("colour", colour, 3),
             )
         )  # fmt: skip

@@ -15,6 +15,7 @@ import numpy as np
 from frankapy.dmp_dictionaries import KEYS
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.rigid_transform import RigidTransform
+from frankapy.validation import whole
 from frankapy.writing import write_file
 
 if TYPE_CHECKING:
@@ -229,8 +230,7 @@ class Demonstration:
 
     def resampled(self, samples: int) -> Demonstration:
         """Return it at so many even times."""
-        times = np.linspace(0, self.duration, samples)
-
+        times = np.linspace(0, self.duration, whole("samples", samples))
         return self._with(times, lambda values: np.column_stack([np.interp(times, self.times, column) for column in values.T]))
 
     def _with(self, times: np.ndarray, make: Callable[[np.ndarray], np.ndarray]) -> Demonstration:

@@ -33,7 +33,7 @@ from frankapy import (
 from frankapy import forces as _forces
 from frankapy import guidance as _guidance
 from frankapy.channel import advised
-from frankapy.connection import Connection
+from frankapy.connection import Connected, Connection
 from frankapy.demonstration import Demonstration
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
 from frankapy.franka_constants import FrankaConstants as FC
@@ -51,7 +51,7 @@ from frankapy.sensors import SensorPublisher
 from frankapy.skill import any_of, make_skill
 from frankapy.states import RobotState, StateReader, StateStream
 from frankapy.utils import franka_pose_to_rigid_transform
-from frankapy.validation import checks_flags, number, table, text, validate, vector, whole
+from frankapy.validation import checks_flags, number, text, validate, vector, whole
 from frankapy.walls import Walls
 
 if TYPE_CHECKING:
@@ -65,13 +65,14 @@ _BUFFER_TIME = FC.DEFAULT_TERM_BUFFER_TIME  # s
 _IN_TOOL, _IN_WORLD = proto.RelativeMinJerkPose.END_EFFECTOR, proto.RelativeMinJerkPose.BASE
 
 
-class FrankaArm:
+class FrankaArm(Connected):
     """One Franka arm with its hand.
 
     Poses are RigidTransforms in metres; `franka_tool` is the point that is moved, `franka_tool_base` the robot's
     end-effector frame, `world` the base of the arm. Arrays may be lists, tuples or ndarrays. A motion that is refused
     raises FrankaArmArgumentError (a ValueError) before anything moves. One client commands an arm at a time, the
-    others may read, and stop it.
+    others may read, and stop it. A ShouldTerminateSensorMessage over FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC ends any
+    motion but those of `run`, which have their own terminations.
 
     Example:
         >>> from frankapy import FrankaArm
@@ -140,7 +141,8 @@ class FrankaArm:
     def speed(self) -> float:
         """Of the clock of all motions that are called for from now on, 0.01 to 1: at 0.2 each takes five times as long.
 
-        Terminations that name a time of the skill, as `Time(4)`, keep theirs.
+        Those that follow messages (`dynamic`, `run_dynamic_force_position`), exert forces or torques, or are led by hand
+        (`run_guide_mode`, `selective_guidance_mode`) keep their own time, and so do terminations that name one, as `Time(4)`.
         """
         return self._speed
 
@@ -280,8 +282,7 @@ class FrankaArm:
             use_impedance: False: the robot's own joint impedance holds the arm to the curve. True: the server's.
             dynamic: go where messages lead that are published over FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC while
                 this runs: JointPositionSensorMessage, JointChunk and the like (see `publisher`). The goal is checked, and then
-                not gone to; the skill is not waited for, and ends after `duration` and `buffer_time`, or by a
-                ShouldTerminateSensorMessage.
+                not gone to; the skill is not waited for, and ends after `duration` and `buffer_time`.
             buffer_time: s after the end of the curve at which the skill ends in any case.
             force_thresholds: external forces and torques on the tool, N and N m (6,), at one of which the motion ends where
                 it is. Then the goal being reached no longer ends it: `duration` and `buffer_time` do. From the upper
@@ -309,7 +310,7 @@ class FrankaArm:
             self._check_walls_at("goto_joints", joints)
         controller = controllers.of_joints(dynamic or use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains)
         if dynamic:
-            ends = endings.of_stream(duration, buffer_time, force_thresholds, torque_thresholds)
+            ends = endings.of_time(duration, buffer_time, force_thresholds, torque_thresholds)
             self._run(proto.StreamJoint(topic=_SENSOR_TOPIC), controller, ends, skill_desc, False, ignore_errors, speed=1)
         else:
             ends = endings.at_goal(proto.FinalJoint(), buffer_time, force_thresholds, torque_thresholds)
@@ -350,7 +351,7 @@ class FrankaArm:
             self._check_walls("goto_pose", tool_base=goal[None, :3, 3], tool=tool_pose.matrix[None, :3, 3])
         if dynamic:
             controller = controllers.of_pose(True, cartesian_impedances, joint_impedances, topic=_SENSOR_TOPIC)
-            ends = endings.of_stream(duration, buffer_time, force_thresholds, torque_thresholds)
+            ends = endings.of_time(duration, buffer_time, force_thresholds, torque_thresholds)
             self._run(proto.StreamPose(topic=_SENSOR_TOPIC), controller, ends, skill_desc, False, ignore_errors, speed=1)
         else:
             controller = controllers.of_pose(use_impedance, cartesian_impedances, joint_impedances)
@@ -561,8 +562,8 @@ class FrankaArm:
         Ends early by `stop_skill`. The arm then holds itself where it is.
         """
         # The duration is the person's, whatever the speed of motions.
-        stay, ends = proto.StayJoint(duration=number("duration", duration)), [proto.Time(after_trajectory=0)]
-        self._run(stay, proto.FreeDrive(), ends, skill_desc, block, ignore_errors=True, speed=1)
+        ends = endings.in_time(0, None, None)
+        self._run(_guidance.stay(duration), proto.FreeDrive(), ends, skill_desc, block, ignore_errors=True, speed=1)
 
     @checks_flags
     def selective_guidance_mode(
@@ -662,8 +663,7 @@ class FrankaArm:
             duration: s, with both ends.
             dynamic: follow the JointVelocitySensorMessages that are published over
                 FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC while this runs, and nothing else. The skill is not waited for,
-                and ends after `duration` and `buffer_time`, or by a ShouldTerminateSensorMessage. Where messages cease for
-                0.2 s the arm stops.
+                and ends after `duration` and `buffer_time`. Where messages cease for 0.2 s the arm stops.
             ignore_virtual_walls: means nothing here.
 
         The other arguments are those of `goto_joints`.
@@ -671,7 +671,8 @@ class FrankaArm:
         trajectory = velocities.of_joints(joint_velocities, joint_accelerations, duration, dynamic)
         controller = controllers.of_robot(cartesian_impedances, joint_impedances)
         ends = endings.streamed_or_in_time(dynamic, duration, buffer_time, force_thresholds, torque_thresholds)
-        self._run(trajectory, controller, ends, skill_desc, block and not dynamic, ignore_errors)
+        speed = 1 if dynamic else None
+        self._run(trajectory, controller, ends, skill_desc, block and not dynamic, ignore_errors, speed=speed)
 
     @checks_flags
     def execute_cartesian_velocities(
@@ -695,7 +696,8 @@ class FrankaArm:
         trajectory = velocities.of_tool(cartesian_velocities, cartesian_accelerations, duration, dynamic)
         controller = controllers.of_robot(cartesian_impedances, joint_impedances)
         ends = endings.streamed_or_in_time(dynamic, duration, buffer_time, force_thresholds, torque_thresholds)
-        self._run(trajectory, controller, ends, skill_desc, block and not dynamic, ignore_errors)
+        speed = 1 if dynamic else None
+        self._run(trajectory, controller, ends, skill_desc, block and not dynamic, ignore_errors, speed=speed)
 
     @checks_flags
     def apply_effector_forces_torques(
@@ -765,7 +767,7 @@ class FrankaArm:
             duration: s.
             dynamic: take torques, selection and gains from JointTorqueControllerSensorMessages that are published over
                 FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC while this runs (see `publisher`): torques at once, the rest
-                in 0.1 s. The skill is not waited for, and ends by a ShouldTerminateSensorMessage too.
+                in 0.1 s. The skill is not waited for.
             k_gains: stiffness of the joints that are held, Nm/rad, (7,).
             d_gains: damping of the joints that are held, Nms/rad, (7,).
             ignore_virtual_walls: means nothing here.
@@ -775,10 +777,9 @@ class FrankaArm:
         Example:
             >>> fa.execute_joint_torques([0, 0, 0, 0, 0, 0, 0.4], selection=[0, 0, 0, 0, 0, 0, 1], duration=0.5)
         """
-        stay = proto.StayJoint(duration=number("duration", duration))
         controller = _forces.of_joints(joint_torques, selection, remove_gravity, k_gains, d_gains, dynamic)
         ends = endings.streamed_or_in_time(dynamic, duration, buffer_time, force_thresholds, torque_thresholds)
-        self._run(stay, controller, ends, skill_desc, block and not dynamic, ignore_errors, speed=1)
+        self._run(_guidance.stay(duration), controller, ends, skill_desc, block and not dynamic, ignore_errors, speed=1)
 
     @checks_flags
     def apply_joint_torques(self, torques: Numbers, duration: float, ignore_errors: bool = True, skill_desc: str = "") -> None:
@@ -802,7 +803,7 @@ class FrankaArm:
 
         Poses and forces come as ForcePositionSensorMessages, other gains as ForcePositionControllerSensorMessages, over
         FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC (see `publisher`). Until the first comes the arm stays where it is and
-        exerts nothing. It ends after `duration` and `buffer_time`, or by a ShouldTerminateSensorMessage.
+        exerts nothing. It ends after `duration` and `buffer_time`.
 
         Args:
             duration: s.
@@ -831,7 +832,7 @@ class FrankaArm:
         controller = _forces.beside_poses(
             position_kps_cart, force_kps_cart, position_kps_joint, force_kps_joint, S, use_cartesian_gains
         )
-        ends = endings.of_stream(duration, buffer_time, force_thresholds, torque_thresholds)
+        ends = endings.of_time(duration, buffer_time, force_thresholds, torque_thresholds)
         self._run(stream, controller, ends, skill_desc, False, ignore_errors, speed=1)
 
     @checks_flags
@@ -1342,9 +1343,3 @@ class FrankaArm:
     def _in_skill(self, there_is_one: bool) -> None:
         if not there_is_one:
             self._motions.running = None
-
-    @property
-    def _server(self) -> Connection:
-        if self._connection is None:
-            raise FrankaArmException("This needs a server, and this FrankaArm is offline.")
-        return self._connection

@@ -19,7 +19,13 @@ from frankapy.states import StateStream
 from frankapy.validation import number
 
 _LEFT = 1.0  # s, for what came before a stop
+_LONGEST = 1e6  # s, of a stay; scripts write more where they mean for ever
 FIELDS = ["robot.message_id", "robot.q", "robot.O_T_EE", "skill_id"]  # of the states that a demonstration is made of
+
+
+def stay(duration: Any) -> proto.StayJoint:
+    """Return the trajectory of joints that stay for `duration` (s)."""
+    return proto.StayJoint(duration=min(number("duration", duration), _LONGEST))
 
 
 def held(
@@ -33,14 +39,14 @@ def held(
     d_gains: Any,
 ) -> tuple[Message, Message]:
     """Return trajectory and controller of selective_guidance_mode."""
-    duration = number("duration", duration)
+    staying = stay(duration)
     if use_joints:
         controller = controllers.of_joints(use_impedance, cartesian_impedances, joint_impedances, k_gains, d_gains)
-        return proto.StayJoint(duration=duration), controller
+        return staying, controller
     controller = controllers.of_pose(use_impedance, cartesian_impedances, joint_impedances)
     if use_ee_frame and isinstance(controller, proto.CartesianImpedance):
         controller.frame = proto.CartesianImpedance.END_EFFECTOR
-    return proto.StayPose(duration=duration), controller
+    return proto.StayPose(duration=staying.duration), controller
 
 
 def shown(states: StateStream, motion: Motion | None, duration: float, stop: Callable[[], None]) -> list[proto.ArmState]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from frankapy import interrupts, proto
 from frankapy.channel import Call, answered
-from frankapy.connection import Connection
+from frankapy.connection import Connected, Connection
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException
 from frankapy.franka_constants import FrankaConstants as FC
 from frankapy.validation import number, validate
@@ -48,19 +48,13 @@ def _width(width: Any) -> float:
     return float(width)
 
 
-class Hand:
+class Hand(Connected):
     """The hand of an arm; of a client without a server it stays where it is, which is said."""
 
     def __init__(self, server: Connection | None, wanted: bool) -> None:
         """Command over `server`; `wanted`: False for an arm that is used without a hand."""
         self._connection, self._wanted = server, wanted
         self._last: Call | None = None  # that was sent, until it was seen to have ended
-
-    @property
-    def _server(self) -> Connection:
-        if self._connection is None:
-            raise FrankaArmException("This needs a server, and this FrankaArm is offline.")
-        return self._connection
 
     def state(self, arm: proto.ArmState) -> proto.GripperState:
         """Return what a state of the arm says of the hand. Raises FrankaArmException where there is none."""

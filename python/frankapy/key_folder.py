@@ -76,9 +76,7 @@ class KeyFolder:
 
 
 def write_client_key(path: Path, key: proto.ClientKey) -> None:
-    """Write the file that a client gets. Raises FrankaArmException where there is one."""
-    if path.exists():
-        raise FrankaArmException(f"{path} is there already: name another file (--to FILE), or remove it.")
+    """Write the file that a client gets, in place of one that is there."""
     _write(path, key)
 
 

@@ -290,7 +290,7 @@ def _set(message: Message, field: FieldDescriptor, value: Any) -> None:
             if value not in _AXES:
                 raise FrankaArmArgumentError(f"{name} is {value!r}: expected x, y, z or {rule.size} numbers")
             value = _AXES[value]
-        if rule.size and not rule.required and not hasattr(value, "__len__"):
+        if rule.size and not rule.required and (not hasattr(value, "__len__") or getattr(value, "shape", None) == ()):
             value = [number(name, value)] * rule.size
         if rule.row:
             array = table(name, value, rule.row)

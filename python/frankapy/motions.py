@@ -13,7 +13,7 @@ from google.protobuf.message import Message
 
 from frankapy import interrupts, proto
 from frankapy.channel import Call, advised, answered
-from frankapy.connection import Connection
+from frankapy.connection import Connected, Connection
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
 from frankapy.progress import progress
 from frankapy.skill import any_of, check_part
@@ -73,7 +73,7 @@ class MotionSequence:
         self.motions: list[tuple[Motion, bool]] = []
 
 
-class Motions:
+class Motions(Connected):
     """What this client moves; of a client without a server nothing, which it says."""
 
     def __init__(self, server: Connection | None) -> None:
@@ -83,12 +83,6 @@ class Motions:
         self.running: Motion | None = None  # the last that was sent, until it was seen to have ended
         self.sequence: MotionSequence | None = None  # that is being made
         self.last_result = proto.SkillResult()
-
-    @property
-    def _server(self) -> Connection:
-        if self._connection is None:
-            raise FrankaArmException("This needs a server, and this FrankaArm is offline.")
-        return self._connection
 
     def run(
         self, skill: proto.Skill, duration: float, block: bool, ignore_errors: bool, preempt: bool = False, led: bool = False

@@ -23,7 +23,7 @@ class _Silent:
 
 def progress(total: float, text: str, unit: str) -> Any:
     """Return a bar on the terminal's standard error, to be used with `with`; it shows itself after half a second."""
-    if not sys.stderr.isatty():
+    if not getattr(sys.stderr, "isatty", bool)():  # there may be none, or what stands in for it
         return _Silent()
     from tqdm import tqdm  # which takes its time
 

@@ -18,7 +18,7 @@ from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.progress import progress
 from frankapy.recording_file import RecordingFile
 from frankapy.wire_arrays import columns
-from frankapy.writing import not_written
+from frankapy.writing import writing_to
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -227,20 +227,17 @@ class Recording:
                 table |= {f"{name}_{i}": np.ascontiguousarray(values[:, i]) for i in range(values.shape[1])}
         batch = pyarrow.table(table)
         rows = 100_000
-        try:
-            with progress(len(self), f"writing {path.name}", unit="states") as bar:
-                writer: Any = (
-                    pyarrow.csv.CSVWriter(path, batch.schema)
-                    if path.suffix == ".csv"
-                    else pyarrow.parquet.ParquetWriter(path, batch.schema, compression="zstd")
-                )
-                with writer:
-                    for first in range(0, max(len(self), 1), rows):
-                        part = batch.slice(first, rows)
-                        writer.write_table(part)
-                        bar.update(part.num_rows)
-        except OSError as error:
-            raise not_written(path, error) from None
+        with writing_to(path), progress(len(self), f"writing {path.name}", unit="states") as bar:
+            writer: Any = (
+                pyarrow.csv.CSVWriter(path, batch.schema)
+                if path.suffix == ".csv"
+                else pyarrow.parquet.ParquetWriter(path, batch.schema, compression="zstd")
+            )
+            with writer:
+                for first in range(0, max(len(self), 1), rows):
+                    part = batch.slice(first, rows)
+                    writer.write_table(part)
+                    bar.update(part.num_rows)
         return path
 
     # --- for people ---
@@ -260,7 +257,7 @@ class Recording:
             rows.append(("lost", f"{lost} states: the disk was too slow"))
         lost_bytes = int(self.about.get("lost_bytes", "0"))
         if lost_bytes:
-            rows.append(("lost", f"{lost_bytes / 1e3:.0f} kB of sensor messages, skills and log lines: the disk was too slow"))
+            rows.append(("lost", f"{lost_bytes / 1e3:.0f} kB of sensor messages, skills and log lines: the disk was too slow, or they were of more than 1000 topics"))
         if len(self):
             states = self.states
             missed = int(states["lost_states"][-1] - states["lost_states"][0])

@@ -25,6 +25,7 @@ class SensorData:
     info: str = ""
     size: int = 0
     sensorData: bytes = b""  # noqa: N815
+    header: Header = dataclasses.field(default_factory=Header)
 
 
 @dataclasses.dataclass
@@ -37,6 +38,7 @@ class SensorDataGroup:
     feedbackControllerSensorData: SensorData = dataclasses.field(default_factory=SensorData)  # noqa: N815
     has_termination_handler_sensor_data: bool = False
     terminationHandlerSensorData: SensorData = dataclasses.field(default_factory=SensorData)  # noqa: N815
+    header: Header = dataclasses.field(default_factory=Header)
 
 
 @dataclasses.dataclass

@@ -12,7 +12,6 @@ from frankapy.collision_boxes import as_box
 from frankapy.exceptions import FrankaArmArgumentError
 from frankapy.franka_constants import FrankaConstants as FC
 from frankapy.poses import quaternion
-from frankapy.rigid_transform import RigidTransform
 
 
 class BoxesPublisher:
@@ -49,7 +48,7 @@ class BoxesPublisher:
             place, turn, size = marker.pose.position, marker.pose.orientation, marker.scale
             pose, (size.x, size.y, size.z) = as_box(row)
             place.x, place.y, place.z = pose[:3, 3]
-            turn.w, turn.x, turn.y, turn.z = RigidTransform(pose[:3, :3], np.zeros(3)).quaternion
+            turn.w, turn.x, turn.y, turn.z = quaternion(pose)
             grey = marker.color
             grey.r, grey.g, grey.b, grey.a = 0.5, 0.5, 0.5, 0.6
             markers.append(marker)

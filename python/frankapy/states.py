@@ -35,7 +35,7 @@ class NewestState:
     def __init__(self, endpoint: str, key: ClientKey | None = None) -> None:
         """Subscribe at `endpoint` (Welcome.state_endpoint) of a server that has keys, or None."""
         self._lock = threading.Lock()
-        self._state: proto.ArmState | None = None
+        self._state: bytes | None = None
         self._socket, self._close = owned_socket(self, zmq.SUB)
         self._socket.conflate = True
         self._socket.subscribe(_ALL)
@@ -44,15 +44,15 @@ class NewestState:
         self._socket.connect(endpoint)
 
     def read(self) -> proto.ArmState | None:
-        """Return it; None before the first has come, and after the end."""
+        """Return it, each time as a message of its own; None before the first has come, and after the end."""
         with self._lock:
             if not self._close.alive:
                 return None
             try:
-                self._state = proto.ArmState.FromString(self._socket.recv(zmq.NOBLOCK)[len(_ALL) :])
+                self._state = self._socket.recv(zmq.NOBLOCK)[len(_ALL) :]
             except zmq.Again:
                 pass
-            return self._state
+            return None if self._state is None else proto.ArmState.FromString(self._state)
 
     def close(self) -> None:
         """End the subscription."""

@@ -50,8 +50,19 @@ struct Limb {
 
 }  // namespace
 
+// How a geom touches others.
+struct Touch {
+  double friction;
+  int priority, condim;
+  std::array<double, mjNREF> solref;
+  std::array<double, mjNIMP> solimp;
+
+  bool operator==(const Touch&) const = default;
+};
+
 struct World::Moment {
   int changes;
+  std::vector<Touch> touches;  // of all geoms
   std::vector<double> state;
   std::vector<Limb> limbs;
 };
@@ -88,6 +99,8 @@ struct World::Impl {
   void to_world(const Limb& limb, const double O_p[3], double p[3]) const;
   void set_pose(int body, const std::array<double, 7>& pose, const Limb& limb);
   void wake();
+  Touch touch(int geom) const;
+  void take_touch(const mjsGeom* spec, int geom);
 };
 
 // Everything that sleeps, as MuJoCo does where somebody pulls at it.
@@ -95,6 +108,21 @@ void World::Impl::wake() {
   for (int body = 1; body < model->nbody; ++body) data->xfrc_applied[6 * body] = std::numeric_limits<double>::min();
   mj_step1(model, data.get());
   mju_zero(data->xfrc_applied, 6 * model->nbody);
+}
+
+Touch World::Impl::touch(int geom) const {
+  Touch touch{model->geom_friction[3 * geom], model->geom_priority[geom], model->geom_condim[geom], {}, {}};
+  mju_copy(touch.solref.data(), model->geom_solref + mjNREF * geom, mjNREF);
+  mju_copy(touch.solimp.data(), model->geom_solimp + mjNIMP * geom, mjNIMP);
+  return touch;
+}
+
+void World::Impl::take_touch(const mjsGeom* spec, int geom) {
+  model->geom_friction[3 * geom] = spec->friction[0];
+  model->geom_priority[geom] = spec->priority;
+  model->geom_condim[geom] = spec->condim;
+  mju_copy(model->geom_solref + mjNREF * geom, spec->solref, mjNREF);
+  mju_copy(model->geom_solimp + mjNIMP * geom, spec->solimp, mjNIMP);
 }
 
 void World::Impl::to_world(const Limb& limb, const double O_p[3], double p[3]) const {
@@ -484,14 +512,13 @@ void World::set_friction(const std::string& name, double friction) {
   }
   // In the spec as well, from which the model is made anew when something is added.
   const auto change = [&](mjsGeom* spec, int id) {
-    spec->friction[0] = w.model->geom_friction[3 * id] = friction;
-    if (spec->priority >= 2) return;
-    // Before the arm's own figures, which therefore come with it.
-    spec->priority = w.model->geom_priority[id] = 2;
-    set_arm_contact(spec);
-    w.model->geom_condim[id] = spec->condim;
-    mju_copy(w.model->geom_solref + mjNREF * id, spec->solref, mjNREF);
-    mju_copy(w.model->geom_solimp + mjNIMP * id, spec->solimp, mjNIMP);
+    spec->friction[0] = friction;
+    if (spec->priority < 2) {
+      // Before the arm's own figures, which therefore come with it.
+      spec->priority = 2;
+      set_arm_contact(spec);
+    }
+    w.take_touch(spec, id);
   };
   mjSpec* spec = w.scene.spec.get();
   if (body >= 0) {
@@ -513,6 +540,7 @@ std::shared_ptr<const World::Moment> World::save() {
   w.wake();  // as restore() does, so that what follows is the same
   auto moment = std::make_shared<Moment>();
   moment->changes = w.changes;
+  for (int geom = 0; geom < w.model->ngeom; ++geom) moment->touches.push_back(w.touch(geom));
   moment->limbs = w.limbs;
   moment->state.resize(mj_stateSize(w.model, mjSTATE_INTEGRATION));
   mj_getState(w.model, w.data.get(), moment->state.data(), mjSTATE_INTEGRATION);
@@ -522,6 +550,18 @@ std::shared_ptr<const World::Moment> World::save() {
 void World::restore(const Moment& moment) {
   Impl& w = *impl_;
   if (moment.changes != w.changes) throw std::runtime_error("objects were added since that moment was saved");
+  for (mjsElement* e = mjs_firstElement(w.scene.spec.get(), mjOBJ_GEOM); e; e = mjs_nextElement(w.scene.spec.get(), e)) {
+    const int id = mjs_getId(e);
+    const Touch& touch = moment.touches.at(id);
+    if (w.touch(id) == touch) continue;
+    mjsGeom* geom = mjs_asGeom(e);
+    geom->friction[0] = touch.friction;
+    geom->priority = touch.priority;
+    geom->condim = touch.condim;
+    mju_copy(geom->solref, touch.solref.data(), mjNREF);
+    mju_copy(geom->solimp, touch.solimp.data(), mjNIMP);
+    w.take_touch(geom, id);
+  }
   w.limbs = moment.limbs;
   w.touched = true;
   mj_setState(w.model, w.data.get(), moment.state.data(), mjSTATE_INTEGRATION);

@@ -282,6 +282,7 @@ struct Limiter::Impl : Motion {
 
   Reference stuck_at;  // since so many cycles
   int stuck_cycles = 0;
+  bool again = false;  // the cycle's step was taken back
 
   Planner<kJoints> joint_follow, joint_brake;
   Planner<3> part_follow;
@@ -894,9 +895,10 @@ struct Limiter::Impl : Motion {
     if (!held || distance(stuck_at) > kStuckWay) {
       stuck_cycles = 0;
       stuck_at = last;
-    } else {
+    } else if (!again) {
       ++stuck_cycles;
     }
+    again = false;
   }
 
   bool is_last(const Reference& from) const {
@@ -1023,6 +1025,7 @@ bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcep
 bool Limiter::brake(double dt, Reference& out, bool soon) noexcept {
   Impl& m = *impl_;
   m.before = m;
+  m.again = false;
   if (m.motion == Channels::kJoint) {
     std::array<Step, kJoints> steps;
     m.brake_steps(dt, steps, soon);
@@ -1042,7 +1045,10 @@ bool Limiter::brake(double dt, Reference& out, bool soon) noexcept {
   return at_rest();
 }
 
-void Limiter::take_back() noexcept { static_cast<Motion&>(*impl_) = impl_->before; }
+void Limiter::take_back() noexcept {
+  static_cast<Motion&>(*impl_) = impl_->before;
+  impl_->again = true;
+}
 
 std::size_t Limiter::way_to_rest(std::span<Vector7> out, bool soon) noexcept {
   Impl& m = *impl_;
@@ -1154,10 +1160,11 @@ bool TorqueLimiter::scale(const Vector7& wanted, const Vector7& last, double dt,
 bool TorqueLimiter::limit(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {
   bool held = false;
   for (int i = 0; i < kJoints; ++i) {
-    const double target = std::isfinite(wanted[i]) ? std::clamp(wanted[i], least_[i], most_[i]) : 0;
+    const double asked = wanted[i];  // which `out` may be
+    const double target = std::isfinite(asked) ? std::clamp(asked, least_[i], most_[i]) : 0;
     const double rate = dt * dtau_max_[i];
     out[i] = std::clamp(target, last[i] - rate, last[i] + rate);
-    held |= out[i] != wanted[i];
+    held |= out[i] != asked;
   }
   return held;
 }

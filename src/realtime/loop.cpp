@@ -492,7 +492,7 @@ void Loop::compute_torque() noexcept {
       tau = model_.coriolis() + held_ + kFaultStiffness.cwiseProduct(caught_ - cycle_.q) - kFaultDamping.cwiseProduct(cycle_.dq);
     }
     const bool led = !lets_go && !faulty_ && holder_->controller->leads();
-    held_by_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? away() : 0, tau_J_d_);
+    held_by_ |= torque_gate_.pass(cycle_, gate_.walls(), tau, led ? away() : 0, tau_J_d_, lets_go || faulty_);
   }
   if (skill_ == nullptr) return;
   skill_held_by_ |= held_by_;
@@ -550,7 +550,7 @@ void Loop::terminate_skill() noexcept {
     const int termination = ask_terminations(false);
     const auto& all = skill_->terminations;
     const bool may = std::all_of(all.begin(), all.end(), [](const auto& each) { return each->seeks_goal(); });
-    const bool over = (all.empty() && trajectory_over_ && gate_.at_rest()) || (may && gate_.stuck());
+    const bool over = (all.empty() && trajectory_over_ && gate_.at_rest()) || (may && gate_.stuck() && has_end(*skill_));
     if (watch_.at_fault()) {
       stop_running(Ending::kComponentFault);
     } else if (over || termination >= 0) {

@@ -15,7 +15,7 @@ using Matrix7 = Eigen::Matrix<double, 7, 7>;
 // the server room; everything but the constructor is free of allocation and may run in the loop.
 class Model {
  public:
-  // From an URDF with joints joint1..joint7 (any prefix) and the flange as last frame. Throws
+  // From an URDF with joints joint1..joint7 (any prefix) and the flange, link8. Throws
   // std::invalid_argument which says what is missing.
   explicit Model(const std::string& urdf);
   ~Model();

@@ -68,8 +68,8 @@ Vector7 TorqueGate::velocity_to_come(const Vector7& dq, const Matrix7& mobility,
   return dq + tau.cwiseAbs().cwiseQuotient(limits_.rate()).maxCoeff() / 2 * (mobility * tau);
 }
 
-HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away,
-                        Vector7& tau_J_d) noexcept {
+HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away, Vector7& tau_J_d,
+                        bool loops_own) noexcept {
   const Vector7 sent = tau_J_d;
   Vector7 tau;
   const Matrix7 mobility = joint_mobility(cycle.model.mass());
@@ -81,7 +81,7 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
   const Vector7 pushed = felt.allFinite() ? Vector7(mobility * -felt) : Vector7::Zero();
   double share = wanted.allFinite() ? hold_back(mobility, wanted - c, away) : 1;
   HeldBy held = when(share < 1, HeldBy::kArm);
-  if (const double power = share * (wanted - c).dot(cycle.dq); power > bounds_.power) {
+  if (const double power = share * (wanted - c).dot(cycle.dq); !loops_own && power > bounds_.power) {
     share *= bounds_.power / power;
     held |= HeldBy::kPower;
   }
@@ -92,7 +92,7 @@ HeldBy TorqueGate::pass(const Cycle& cycle, WallGuard& walls, const Vector7& wan
     share *= anyhow < kMostTaken ? (kMostTaken - anyhow) / (taken - anyhow) : 0;
     held |= HeldBy::kPower;
   }
-  bool limited = asked_.scale(share < 1 ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau);
+  bool limited = (loops_own ? limits_ : asked_).scale(share < 1 ? Vector7(c + share * (wanted - c)) : wanted, sent, kTick, tau);
   const bool has_walls = walls.arm() != nullptr;
   if (has_walls) walls.look(cycle.q, cycle.dq, velocity_to_come(cycle.dq, mobility, sent - c));
   const HeldBy pushed_away = has_walls ? walls.add(cycle.dq, mobility, c, tau) : HeldBy::kNothing;

@@ -31,7 +31,9 @@ class TorqueGate {
 
   // tau_J_d: the last command in, the next one out (N m); returns what held it back.
   // `away`: from where the controller leads it, rad (Loop::away()); 0 if it leads it nowhere.
-  HeldBy pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away, Vector7& tau_J_d) noexcept;
+  // `loops_own`: no controller's, but what brakes and holds an arm that has none: bounds of what may be asked for do not weaken it.
+  HeldBy pass(const Cycle& cycle, WallGuard& walls, const Vector7& wanted, double away, Vector7& tau_J_d,
+              bool loops_own = false) noexcept;
 
  private:
   double hold_back(const Matrix7& mobility, const Vector7& pull, double away) const noexcept;

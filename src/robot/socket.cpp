@@ -26,13 +26,15 @@ bool wait_for(int fd, short events, Clock::time_point deadline) {
   }
 }
 
-// One that has lost its power or its cable says no goodbye: it is gone when nothing comes for 4 s. As libfranka has it.
+// One that has lost its power or its cable says no goodbye: it is gone when nothing comes for 4 s, also of what is sent to it
+// (for which nothing is kept alive otherwise). As libfranka has it.
 void keep_alive(int fd) {
   const auto set = [fd](int level, int option, int value) { ::setsockopt(fd, level, option, &value, sizeof value); };
   set(SOL_SOCKET, SO_KEEPALIVE, 1);
   set(IPPROTO_TCP, TCP_KEEPIDLE, 1);   // s
   set(IPPROTO_TCP, TCP_KEEPINTVL, 1);  // s
   set(IPPROTO_TCP, TCP_KEEPCNT, 3);
+  set(IPPROTO_TCP, TCP_USER_TIMEOUT, 4000);  // ms
 }
 
 }  // namespace

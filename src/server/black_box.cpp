@@ -23,6 +23,7 @@ namespace server {
 namespace {
 
 constexpr std::size_t kPage = 4096;
+constexpr std::size_t kMostLeft = 8;  // files of some 40 MB, those of arms that run among them
 
 constexpr std::size_t whole_pages(std::size_t size) { return (size + kPage - 1) / kPage * kPage; }
 
@@ -129,6 +130,15 @@ void forget_black_box(int fd) {
   for (const auto& name : names()) {
     if (lstat(name.c_str(), &named) == 0 && named.st_ino == file.st_ino && named.st_dev == file.st_dev) unlink(name.c_str());
   }
+}
+
+std::string leave_black_box(int fd) {
+  struct stat file {};
+  if (fstat(fd, &file) == 0 && file.st_nlink > 0 && names().size() <= kMostLeft) {
+    return "The next start of this program tries again, as long as this computer has power";
+  }
+  forget_black_box(fd);
+  return "It is gone";
 }
 
 std::vector<LeftBlackBox> left_black_boxes() {

@@ -47,6 +47,9 @@ int make_black_box_file(const std::optional<BlackBoxOwner>& owner = {});
 // Takes its name away: what is in it is written down, or not needed.
 void forget_black_box(int fd);
 
+// Leaves what is in it for the next start, where it has a name and there are not too many; returns what is to be told of that.
+std::string leave_black_box(int fd);
+
 // Black boxes of this user that nobody holds, the processes being gone that did. Each is the caller's now, until it closes the
 // file. What another build of this program left cannot be read, and is removed.
 struct LeftBlackBox {

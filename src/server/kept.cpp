@@ -1,15 +1,32 @@
 #include "server/kept.hpp"
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <string_view>
 
 #include "server/system_call.hpp"
 
 namespace server {
+namespace {
+
+// To a file, or nothing to a folder, and all that is under way there to the disk: it is whole after a loss of power.
+void write_through(const std::filesystem::path& path, int flags, std::string_view bytes) {
+  const int fd = open(path.c_str(), flags | O_CLOEXEC, 0644);
+  if (fd < 0) failed(path.c_str());
+  const bool written = bytes.empty() || write(fd, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size());
+  const bool done = written && (fsync(fd) == 0 || errno == EINVAL);  // some file systems have none
+  const int error = errno;
+  close(fd);
+  errno = error;
+  if (!done) failed(path.c_str());
+}
+
+}  // namespace
 
 bool load(int fd, google::protobuf::Message& message) {
   message.Clear();
@@ -47,12 +64,9 @@ void save(const std::string& path, const google::protobuf::Message& message) {
     std::filesystem::remove(whole);
     return;
   }
-  {
-    std::ofstream file(part, std::ios::binary);
-    file << message.SerializeAsString() << std::flush;
-    if (!file) failed(part.c_str());
-  }
+  write_through(part, O_WRONLY | O_CREAT | O_TRUNC, message.SerializeAsString());
   std::filesystem::rename(part, whole);
+  write_through(whole.parent_path(), O_RDONLY | O_DIRECTORY, {});
 }
 
 }  // namespace server

@@ -75,13 +75,17 @@ void McapWriter::Times::add(std::uint64_t time) {
   any = true;
 }
 
-McapWriter::McapWriter(const std::filesystem::path& path) : path_(path) {
+McapWriter::McapWriter(const std::filesystem::path& path) : path_(path), zstd_(ZSTD_createCCtx()) {
   fd_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
   if (fd_ < 0) fail("cannot be made");
-  zstd_ = ZSTD_createCCtx();
-  ZSTD_CCtx_setParameter(zstd_, ZSTD_c_compressionLevel, kLevel);
-  ZSTD_CCtx_setParameter(zstd_, ZSTD_c_checksumFlag, 1);
-  put(std::string(kMagicText) + record(kHeader, Fields().text("").text("franka-interface")));
+  ZSTD_CCtx_setParameter(zstd_.get(), ZSTD_c_compressionLevel, kLevel);
+  ZSTD_CCtx_setParameter(zstd_.get(), ZSTD_c_checksumFlag, 1);
+  try {
+    put(std::string(kMagicText) + record(kHeader, Fields().text("").text("franka-interface")));
+  } catch (...) {
+    ::unlink(path.c_str());  // nothing is in it
+    throw;
+  }
 }
 
 McapWriter::~McapWriter() {
@@ -89,8 +93,9 @@ McapWriter::~McapWriter() {
     close();
   } catch (const std::system_error&) {
   }
-  ZSTD_freeCCtx(zstd_);
 }
+
+void McapWriter::FreeContext::operator()(ZSTD_CCtx_s* context) const { ZSTD_freeCCtx(context); }
 
 void McapWriter::fail(const char* what) {
   const int error = errno;
@@ -156,7 +161,7 @@ void McapWriter::flush() {
   if (fd_ < 0 || chunk_.empty()) return;
   compressed_.resize(ZSTD_compressBound(chunk_.size()));
   const std::size_t compressed =
-      ZSTD_compress2(zstd_, compressed_.data(), compressed_.size(), chunk_.data(), chunk_.size());
+      ZSTD_compress2(zstd_.get(), compressed_.data(), compressed_.size(), chunk_.data(), chunk_.size());
   if (ZSTD_isError(compressed)) {
     errno = ENOMEM;
     fail("cannot be compressed");

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -38,11 +39,13 @@ class McapWriter {
 
   std::uint64_t size() const { return size_; }          // bytes in the file
   std::uint64_t pending() const { return chunk_.size(); }  // bytes not yet in it
-  std::uint64_t messages() const { return messages_; }
 
  private:
   static constexpr std::size_t kChunk = 4 << 20;  // bytes, before compression
 
+  struct FreeContext {
+    void operator()(ZSTD_CCtx_s* context) const;
+  };
   struct Channel {
     std::uint64_t messages = 0;
     std::string index;  // of the chunk: entries of MessageIndex
@@ -58,7 +61,7 @@ class McapWriter {
 
   const std::filesystem::path path_;
   int fd_ = -1;
-  ZSTD_CCtx_s* zstd_ = nullptr;
+  const std::unique_ptr<ZSTD_CCtx_s, FreeContext> zstd_;
   std::uint64_t size_ = 0, messages_ = 0;
   std::string chunk_, compressed_;
   Times chunk_times_, times_;

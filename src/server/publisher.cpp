@@ -25,6 +25,7 @@ constexpr auto kPublishPeriod = std::chrono::microseconds(500);
 constexpr auto kTellPeriod = std::chrono::seconds(1);
 constexpr int kSendQueue = 10'000;  // states that a subscriber may be behind: 10 s
 constexpr std::size_t kMostTopics = 128;          // choices of rate and fields, of all subscribers
+constexpr std::size_t kMostOfOne = 16;            // of a connection
 constexpr std::size_t kMostUnserved = 256;        // subscriptions that are held although nothing is published to them
 constexpr std::int64_t kLongestSubscription = 2048;  // bytes: all fields by name are less
 constexpr int kSubscriptionsAhead = 64;           // read from a connection before they are looked at
@@ -57,7 +58,9 @@ void Publisher::run() {
   auto told = std::chrono::steady_clock::now();
   while (!quit_) {
     take_subscriptions();
-    while (records_.next(record)) {
+    // What there is now: where that takes longer than a cycle, more comes without end.
+    const std::uint64_t end = ring_.written();
+    while (records_.position() < end && records_.next(record)) {
       count_late(record);
       if (!topics_.empty()) publish(record);
     }
@@ -83,8 +86,9 @@ void Publisher::take_subscriptions() {
     const int fd = zmq_msg_get(message.handle(), ZMQ_SRCFD);
     const std::uint8_t what = *message.data<std::uint8_t>();
     std::string text(message.data<char>() + 1, message.size() - 1);
-    // What changes nothing would never end.
-    if (what > 1 || (fd >= 0 && (what == 1 ? !asked_[fd].insert(text).second : asked_[fd].erase(text) == 0))) {
+    // What changes nothing would never end, and each choice of fields takes time of every cycle.
+    if (what > 1 || (fd >= 0 && (what == 1 ? asked_[fd].size() >= kMostOfOne || !asked_[fd].insert(text).second
+                                           : asked_[fd].erase(text) == 0))) {
       hang_up(fd, endpoint_);
       refuse(message.to_string());
       continue;

@@ -328,10 +328,11 @@ void write_left_black_boxes() {
     try {
       const fs::path path = write_black_box(fd, config, owner.arm, "the server was killed");
       if (!path.empty()) spdlog::info("a server was killed: the black box of its arm {} is in {}", owner.arm, path.string());
+      forget_black_box(fd);
     } catch (const std::exception& error) {
-      spdlog::error("a server was killed: the black box of its arm {} was not written: {}", owner.arm, error.what());
+      spdlog::error("a server was killed: the black box of its arm {} was not written: {}. {}", owner.arm, error.what(),
+                    leave_black_box(fd));
     }
-    forget_black_box(fd);
     close(fd);
   }
 }

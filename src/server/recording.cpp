@@ -16,6 +16,7 @@ namespace {
 namespace pb = google::protobuf;
 
 constexpr std::int64_t kCycle = 1'000'000;  // ns
+constexpr std::size_t kMostChannels = 1000;
 
 // The number of the record to begin with.
 std::uint64_t first_of(const BlackBox& box, const Recording::Options& options) {
@@ -94,19 +95,26 @@ void Recording::write(const realtime::Record& record) {
 
 void Recording::write(const Journal::Entry& entry) {
   const std::int64_t time = since_epoch_ns(entry.time_ns);
-  file_.write(channel(entry.topic, entry.type), entry.sequence, time, entry.sent_ns != 0 ? entry.sent_ns : time, entry.bytes);
+  const std::uint16_t to = channel(entry.topic, entry.type);
+  if (to == 0) {
+    lost_bytes_ += entry.bytes.size();
+  } else {
+    file_.write(to, entry.sequence, time, entry.sent_ns != 0 ? entry.sent_ns : time, entry.bytes);
+  }
 }
 
+// 0 for a sensor topic too many: publishers may name as many as they like.
 std::uint16_t Recording::channel(const std::string& topic, const std::string& type) {
-  const auto [found, is_new] = channels_.try_emplace(topic + '\n' + type, 0);
-  if (!is_new) return found->second;
+  const std::string name = topic + '\n' + type;
+  if (const auto known = channels_.find(name); known != channels_.end()) return known->second;
+  if (channels_.size() >= kMostChannels && topic.starts_with("/sensors/")) return 0;
   const auto [schema, schema_is_new] = schemas_.try_emplace(type, 0);
   if (schema_is_new) {
     const auto* descriptor = pb::DescriptorPool::generated_pool()->FindMessageTypeByName(type);
     // Of a part that only the arm's process had loaded: its name at least.
     schema->second = file_.add_schema(type, descriptor != nullptr ? descriptors_of(*descriptor) : "");
   }
-  return found->second = file_.add_channel(schema->second, topic);
+  return channels_[name] = file_.add_channel(schema->second, topic);
 }
 
 }  // namespace server

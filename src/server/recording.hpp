@@ -38,7 +38,7 @@ class Recording {
   std::uint64_t size() const { return file_.size() + file_.pending() / 4; }  // bytes, as good as
   std::uint64_t states() const { return states_; }                           // written
   std::uint64_t lost() const { return records_.lost(); }                     // overwritten before they were written
-  std::uint64_t lost_bytes() const { return lost_bytes_; }                   // of what the journal had
+  std::uint64_t lost_bytes() const { return lost_bytes_; }                   // of what the journal had, or under too many topics
   double time() const { return 1e-9 * static_cast<double>(last_ns_ - first_ns_); }  // s from the first state to the last
 
  private:

@@ -26,6 +26,7 @@ constexpr std::size_t kMaxPublishers = 64;     // of one topic
 constexpr std::size_t kMaxKinds = 64;          // of one topic
 constexpr std::size_t kMaxTopicName = 256;     // bytes
 constexpr std::size_t kMaxKind = 256;          // bytes, of its name
+constexpr int kAtOnce = 256;                    // messages, and then it looks for what has ceased
 constexpr auto kWait = std::chrono::milliseconds(50);
 constexpr const char* kTermination = "ShouldTerminateSensorMessage";
 constexpr std::int64_t kTellLostPeriod = 1'000'000'000;    // ns
@@ -130,7 +131,7 @@ void SensorHub::run() {
     connections_->look();
     look_for_silence();
     zmq::message_t frame;
-    while (!quit_ && socket_.recv(frame, zmq::recv_flags::dontwait)) {
+    for (int n = 0; n < kAtOnce && !quit_ && socket_.recv(frame, zmq::recv_flags::dontwait); ++n) {
       if (frame.more()) {
         while (frame.more() && socket_.recv(frame)) {
         }

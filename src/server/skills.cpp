@@ -62,6 +62,10 @@ SensorHub::Inputs Skills::Listening::all() const {
   return all;
 }
 
+Skills::Listening Skills::listening_of(const realtime::Skill& skill) {
+  return {skill.trajectory->sensor_inputs(), skill.controller->sensor_inputs(), inputs_of(skill.terminations)};
+}
+
 Skills::Skills(realtime::Door& door, Publisher& publisher, SensorHub& sensors, Recorder& recorder, ConnectedArm& arm,
                Clients& clients, Answers& answers, ClientJobs& jobs, Recovery& recovery)
     : door_(door),
@@ -84,12 +88,16 @@ void Skills::start(const Address& from, proto::Request& request, std::uint64_t i
   build->message.Swap(request.mutable_start_skill()->mutable_skill());
   build->skill_id = id;
   if (found.queued) build->before.end = running_.at(request.start_skill().after()).goal;
-  if (const auto now = running_.find(require_state().skill_id); now != running_.end()) {
-    build->before.speed = now->second.message.speed();
-    build->before.lets_go = now->second.lets_go;
-  }
+  put_what_runs(build->before);
   build->request = std::move(request);
   put_on_workbench(std::move(build), &Skills::begin);
+}
+
+void Skills::put_what_runs(Before& before) const {
+  const auto now = running_.find(require_state().skill_id);
+  if (now == running_.end()) return;
+  before.speed = now->second.message.speed();
+  before.lets_go = now->second.lets_go;
 }
 
 // Throws Refused where a skill of this client cannot be started now.
@@ -134,7 +142,7 @@ void Skills::begin(Build& build) {
   const proto::StartSkill& start = build.request.start_skill();
   const Found found = find(from, start);
   auto skill = std::move(build.skill);
-  const Listening listening{skill->trajectory->sensor_inputs(), skill->controller->sensor_inputs(), inputs_of(skill->terminations)};
+  const Listening listening = listening_of(*skill);
   const auto publishers = build.message.publishers();
   sensors_.check(publishers, listening.all());
   clients_.take_lease(from);
@@ -254,6 +262,8 @@ void Skills::check(const Address& from, proto::Request& request) {
   if (const auto& joints = request.check_skill().joints(); !joints.empty()) {
     build->before.end.emplace().motion = realtime::Channels::kJoint;
     build->before.end->joint.q = realtime::Vector7::Map(joints.data());
+  } else {
+    put_what_runs(build->before);
   }
   build->message.Swap(request.mutable_check_skill()->mutable_skill());
   put_on_workbench(std::move(build), &Skills::tell_checked);
@@ -261,6 +271,7 @@ void Skills::check(const Address& from, proto::Request& request) {
 
 void Skills::tell_checked(Build& build) {
   const realtime::Skill& skill = *build.skill;
+  sensors_.check(build.message.publishers(), listening_of(skill).all());
   proto::Reply reply;
   auto& checked = *reply.mutable_skill_checked();
   if (skill.trajectory->has_end()) checked.set_duration(skill.trajectory->duration() / skill.speed);

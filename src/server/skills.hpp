@@ -68,6 +68,7 @@ class Skills {
     std::optional<SensorHub::Inputs> trajectory, controller, terminations;
     SensorHub::Inputs all() const;
   };
+  static Listening listening_of(const realtime::Skill& skill);
   struct Running {
     Address starter;
     realtime::Reference goal;               // of its trajectory
@@ -110,6 +111,7 @@ class Skills {
   };
 
   Found find(const Address& from, const frankapy::proto::StartSkill& start) const;
+  void put_what_runs(Before& before) const;
   void begin(Build& build);
   frankapy::proto::Skill changed(const Address& from, const frankapy::proto::ChangeSkill& change) const;
   void begin_change(Build& build);

@@ -103,14 +103,30 @@ class Child {
       spdlog::error("arm {}: its process hangs{} and is started again", info_.name(), record_->where());
       end(SIGKILL);
     }
-    if (pid_ == 0 && !stopping && Clock::now() >= next_start_) start();
+    if (pid_ == 0 && !stopping && Clock::now() >= next_start_) try_to_start();
   }
 
  private:
-  void start() {
-    int ends[2];
-    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) failed("socketpair");
-    const int config = text_file(toml_);
+  // Where this computer has no room for it, others go on, and it is tried again.
+  void try_to_start() {
+    int ends[] = {-1, -1}, config = -1;
+    try {
+      if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) failed("socketpair");
+      config = text_file(toml_);
+      start(config, ends[1]);
+      fd_ = std::exchange(ends[0], -1);
+    } catch (const std::system_error& error) {
+      spdlog::error("arm {}: its process could not be started: {}", info_.name(), error.what());
+      info_.set_status(fmt::format("starting again: its process could not be started ({})", error.what()));
+      next_start_ = Clock::now() + times_.short_life;
+    }
+    for (const int fd : {ends[0], ends[1], config}) {
+      if (fd >= 0) close(fd);
+    }
+  }
+
+  // With the configuration as its standard input, and the end of a socket where it tells of itself.
+  void start(int config, int told) {
     std::vector<std::string> words = {
         "franka-interface", "arm", "--index", std::to_string(index_), "--listen", listen_, "--port",
         std::to_string(port_), "--state-port", std::to_string(state_port_), "--sensor-port",
@@ -121,16 +137,16 @@ class Child {
     argv.push_back(nullptr);
 
     record_->clear();
-    pid_ = fork();
-    if (pid_ < 0) failed("fork");
-    if (pid_ == 0) {
+    const pid_t pid = fork();
+    if (pid < 0) failed("fork");
+    if (pid == 0) {
       // Only what is allowed between fork and exec.
       sigset_t none;
       sigemptyset(&none);
       sigprocmask(SIG_SETMASK, &none, nullptr);
       if (dup2(config, STDIN_FILENO) < 0) _exit(127);
       // Through numbers that are nobody's: dup2() would close one for the other, and keep FD_CLOEXEC on itself.
-      const int status = fcntl(ends[1], F_DUPFD, kFirstFreeFd), record = fcntl(record_fd_, F_DUPFD, kFirstFreeFd),
+      const int status = fcntl(told, F_DUPFD, kFirstFreeFd), record = fcntl(record_fd_, F_DUPFD, kFirstFreeFd),
                 box = fcntl(box_fd_, F_DUPFD, kFirstFreeFd), walls = fcntl(walls_fd_, F_DUPFD, kFirstFreeFd),
                 limits = fcntl(limits_fd_, F_DUPFD, kFirstFreeFd);
       if (dup2(status, ArmOptions::kStatusFd) < 0 || dup2(record, ArmOptions::kRecordFd) < 0 ||
@@ -142,9 +158,7 @@ class Child {
       execv("/proc/self/exe", argv.data());
       _exit(127);
     }
-    close(config);
-    close(ends[1]);
-    fd_ = ends[0];
+    pid_ = pid;
     spoken_ = false;
     started_ = Clock::now();
     heard_ = now_;
@@ -197,23 +211,28 @@ class Child {
     info_.set_ended(how);
     if (signal == 0 && status == 0) spdlog::info("arm {}: its process {}", info_.name(), how);
     if (signal == 0 && status != 0) spdlog::error("arm {}: its process {}", info_.name(), how);
-    if (status != 0) write_down(how);
+    try {
+      if (status != 0) write_down(how);
+    } catch (const std::system_error& error) {
+      spdlog::error("arm {}: the black box was not written: {}", info_.name(), error.what());
+    }
     next_start_ = Clock::now() - started_ < times_.short_life ? started_ + times_.short_life : Clock::now();
   }
 
   // While the next process begins with another.
   void write_down(const std::string& how) {
     const int fd = std::exchange(box_fd_, make_black_box_file(box_owner_));
-    writing_ = std::async(std::launch::async, [fd, how, name = info_.name(), recordings = recordings_] {
+    std::erase_if(writing_, [](const auto& writing) { return writing.wait_for(0s) == std::future_status::ready; });
+    writing_.push_back(std::async(std::launch::async, [fd, how, name = info_.name(), recordings = recordings_] {
       try {
         const auto path = write_black_box(fd, recordings, name, how);
         if (!path.empty()) spdlog::info("arm {}: the black box is in {}", name, path.string());
+        forget_black_box(fd);
       } catch (const std::exception& error) {
-        spdlog::error("arm {}: the black box was not written: {}", name, error.what());
+        spdlog::error("arm {}: the black box was not written: {}. {}", name, error.what(), leave_black_box(fd));
       }
-      forget_black_box(fd);
       close(fd);
-    });
+    }));
   }
 
   const SupervisorTimes times_;
@@ -227,7 +246,7 @@ class Child {
   const std::optional<BlackBoxOwner> box_owner_;
   int box_fd_;
   const int walls_fd_, limits_fd_;
-  std::future<void> writing_;
+  std::vector<std::future<void>> writing_;  // a disk that hangs holds up nothing else
   proto::Arms::Arm info_;
   pid_t pid_ = 0;
   int fd_ = -1;
@@ -263,9 +282,8 @@ class Supervisor {
     }
   }
 
-  int run() {
-    const sigset_t signals = ending_signals();
-    sigprocmask(SIG_BLOCK, &signals, nullptr);
+  // `signals` are blocked in all threads.
+  int run(const sigset_t& signals) {
     const int signal_fd = signalfd(-1, &signals, SFD_CLOEXEC);
     std::printf("listening on %s\n", socket_.get(zmq::sockopt::last_endpoint).c_str());
     std::fflush(stdout);
@@ -275,7 +293,7 @@ class Supervisor {
     Clock::time_point stop_until{};
     for (;;) {
       bool any = false;
-      std::vector<zmq::pollitem_t> items = {{socket_.handle(), 0, ZMQ_POLLIN, 0}, {nullptr, signal_fd, ZMQ_POLLIN, 0}};
+      std::vector<zmq::pollitem_t> items = {{socket_.handle(), 0, ZMQ_POLLIN, 0}, {nullptr, signal_fd, static_cast<short>(stopping ? 0 : ZMQ_POLLIN), 0}};
       for (const auto& child : children_) {
         child->look_after(stopping);
         any |= child->alive();
@@ -288,7 +306,7 @@ class Supervisor {
       }
       zmq::poll(items, kTick);
       connections_->look();
-      if (items[1].revents != 0 && !stopping) {
+      if (items[1].revents != 0) {
         spdlog::info("stopping: the arms brake and finish");
         stopping = true;
         stop_until = Clock::now() + times_.stop;
@@ -351,7 +369,10 @@ class Supervisor {
 
 int run_supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments, Keys* keys,
                    const SupervisorTimes& times) {
-  return Supervisor(config, toml, arguments, keys, times).run();
+  // Before there is a thread that one of them could end all by.
+  const sigset_t signals = ending_signals();
+  sigprocmask(SIG_BLOCK, &signals, nullptr);
+  return Supervisor(config, toml, arguments, keys, times).run(signals);
 }
 
 }  // namespace server

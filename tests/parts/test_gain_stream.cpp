@@ -11,6 +11,7 @@
 #include "realtime/controllers/force_position.hpp"
 #include "realtime/controllers/gain_stream.hpp"
 #include "realtime/controllers/pass_through_joint_torque.hpp"
+#include "realtime/tick.hpp"
 #include "realtime/trajectories/stream_force_position.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 #include "tests/realtime/at_home.hpp"
@@ -38,14 +39,14 @@ void any(const Vector3&) {}
 TEST(GainStream, GoesToWhatIsSentInAStraightLineAndKeepsWhatIsNotGiven) {
   GainStream<3> gains(Vector3(1, 2, 3), "gains", "Message", 2, any);
   ASSERT_EQ(gains.inputs().size(), 1u);
-  gains.step();
+  gains.step(kTick);
   EXPECT_EQ(gains.now(), Vector3(1, 2, 3));
   gains.inputs()[0]->put(sample_of<3>(2, {11, kNotGiven, -7}));
   for (int i = 1; i <= kRampCycles; ++i) {
-    gains.step();
+    gains.step(kTick);
     EXPECT_LT((gains.now() - Vector3(1 + 0.1 * i, 2, 3 - 0.1 * i)).norm(), 1e-9) << i;
   }
-  gains.step();
+  gains.step(kTick);
   EXPECT_EQ(gains.now(), Vector3(11, 2, -7));
 }
 
@@ -54,16 +55,28 @@ TEST(GainStream, NoMessageIsLostAndANewOneBeginsWhereItIs) {
   const auto input = gains.inputs()[0];
   input->put(sample_of<3>(0, {10, kNotGiven, kNotGiven}));
   input->put(sample_of<3>(0, {kNotGiven, 20, kNotGiven}));
-  for (int i = 0; i < kRampCycles / 2; ++i) gains.step();
+  for (int i = 0; i < kRampCycles / 2; ++i) gains.step(kTick);
   EXPECT_LT((gains.now() - Vector3(5, 10, 0)).norm(), 1e-9);
   input->put(sample_of<3>(0, {0, 0, kNotGiven}));
   Vector3 before = gains.now();
   for (int i = 0; i < kRampCycles; ++i) {
-    gains.step();
+    gains.step(kTick);
     EXPECT_LT((gains.now() - before).norm(), 0.2);
     before = gains.now();
   }
   EXPECT_LT(gains.now().norm(), 1e-12);
+}
+
+// Of which one state in four comes.
+TEST(GainStream, TimeIsTheRobotsWhereStatesAreLost) {
+  GainStream<3> gains(Vector3::Zero(), "gains", "Message", 0, any);
+  gains.inputs()[0]->put(sample_of<3>(0, {8, 0, 0}));
+  for (int i = 1; i <= kRampCycles / 4; ++i) {
+    gains.step(4 * kTick);
+    EXPECT_NEAR(gains.now()[0], 0.32 * i, 1e-9);
+  }
+  EXPECT_EQ(gains.now()[0], 8);
+  EXPECT_NEAR(gains.silent(), 0.096, 1e-9);
 }
 
 TEST(GainStream, WithoutATopicNothingIsListenedTo) {

@@ -81,7 +81,7 @@ class Arm:
 
     @contextmanager
     def standing_still(self, **how):
-        """Let the world stand still meanwhile, as Simulation.pause() says; what moves waits for at most a second."""
+        """Let the world stand still meanwhile, as Simulation.pause() says; what moves waits for at most ten seconds."""
         self.simulation.pause(**how)
         try:
             yield

@@ -19,6 +19,7 @@ class ScriptedServer:
         self.withholds: set[str] = set()  # answers that wait until this is emptied
         self.version = proto.CURRENT
         self.result = {"ending": proto.TERMINATED}
+        self.state_endpoint = ""
         self.sensor_endpoint = ""
         self.silent = False
         self.not_taken = proto.NotTaken()
@@ -82,6 +83,7 @@ class ScriptedServer:
         if kind == "hello":
             self._clients.add(identity)
             welcome = proto.Welcome(version=proto.CURRENT, arm="arm1", gripper=True, sensor_endpoint=self.sensor_endpoint)
+            welcome.state_endpoint = self.state_endpoint
             self._send(identity, number, welcome=welcome)
             return
         if self.forgets_clients:

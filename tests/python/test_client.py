@@ -33,8 +33,9 @@ from frankapy import (
     proto_utils,
 )
 from frankapy.franka_interface_common_definitions import SensorDataMessageType
+from frankapy.progress import progress
 from frankapy.sim import free_address
-from frankapy.states import StateStream, as_dictionary
+from frankapy.states import NewestState, StateStream, as_dictionary
 
 
 @pytest.fixture
@@ -694,6 +695,27 @@ def test_a_slow_reader_loses_what_comes_while_too_many_wait():
     assert len(received) < count
 
 
+def test_each_read_of_the_newest_state_gives_a_message_of_its_own():
+    with zmq.Context() as context, context.socket(zmq.XPUB) as publisher:
+        publisher.linger = 0
+        publisher.bind("tcp://127.0.0.1:*")
+        newest = NewestState(publisher.last_endpoint.decode())
+        publisher.send(publisher.recv()[1:] + proto.ArmState(skill_id=1).SerializeToString())
+        wait_until(newest.read)
+        first = newest.read()
+        first.age = 0.5
+        assert not newest.read().HasField("age") and newest.read().skill_id == 1
+        newest.close()
+
+
+@pytest.mark.parametrize("stderr", [None, object()], ids=["none", "what has no isatty"])
+def test_a_program_without_a_standard_error_shows_no_bar(stderr, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", stderr)
+    with progress(10, "moving", unit="s") as bar:
+        bar.update(1)
+    assert bar.n == 0
+
+
 def test_errors_name_what_python_calls_what_is_to_be_done(server, arm, monkeypatch):
     monkeypatch.setattr(connection, "_LEASE_TIME", 0)
     server.refusals = [refusal(proto.Error.NOT_READY, "the user stop is pressed: release it, then recover")]
@@ -848,6 +870,32 @@ def test_a_limit_that_is_misspelt_is_refused(arm):
 def test_a_line_for_people_is_seen(capsys):
     FrankaArm(offline=True).log_info("put the block down")
     assert "put the block down" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("for_ever", [1e8, 1e9, 1e12])
+@pytest.mark.parametrize(
+    "move",
+    [
+        lambda arm, for_ever: arm.goto_joints(HOME, 3, dynamic=True, buffer_time=for_ever),
+        lambda arm, for_ever: arm.goto_joints(HOME, 3, buffer_time=for_ever),
+        lambda arm, for_ever: arm.run_guide_mode(for_ever),
+        lambda arm, for_ever: arm.selective_guidance_mode(for_ever),
+        lambda arm, for_ever: arm.selective_guidance_mode(for_ever, use_joints=True),
+        lambda arm, for_ever: arm.execute_joint_torques([0] * 7, duration=for_ever),
+    ],
+    ids=["stream", "goal", "guided", "held", "joints held", "torques"],
+)
+def test_numbers_that_mean_for_ever_are_taken(move, for_ever):
+    move(FrankaArm(offline=True), for_ever)
+
+
+@pytest.mark.parametrize("kind", ["joint", "cartesian"])
+def test_velocities_that_are_published_are_followed_in_their_own_time(server, arm, kind):
+    arm.speed = 0.2
+    zeros = [0] * (7 if kind == "joint" else 6)
+    for dynamic, speed in ((False, 0.2), (True, 1)):
+        getattr(arm, f"execute_{kind}_velocities")(zeros, zeros, dynamic=dynamic)
+        assert server.calls("start_skill")[-1].start_skill.skill.speed == speed
 
 
 def test_an_offline_arm_checks_and_moves_nothing(caplog):

@@ -10,6 +10,7 @@ import sys
 import textwrap
 import time
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ from frankapy import FrankaConstants as FC
 from frankapy.cli import COMPAT
 from frankapy.collision_boxes import as_box, meet
 from frankapy.proto_utils import make_sensor_group_msg, messages_of, sensor_proto2ros_msg
-from frankapy.ros_messages import RobotState, SensorData, SensorDataGroup
+from frankapy.ros_messages import Header, RobotState, SensorData, SensorDataGroup
 from frankapy.ros_utils import BoxesPublisher
 from frankapy.sim import SimulatedArm, Simulation
 from frankapy.utils import convert_array_to_rigid_transform
@@ -272,6 +273,12 @@ def test_groups_hold_what_was_packed():
     assert messages_of(group) == [pose, end]
 
 
+@pytest.mark.parametrize("kind", [SensorData, SensorDataGroup])
+def test_sensor_messages_have_headers_of_their_own(kind):
+    kind().header.stamp = 1.5
+    assert kind().header == Header()
+
+
 def test_what_does_not_fit_its_type_is_refused():
     with pytest.raises(FrankaArmArgumentError, match="a ShouldTerminateSensorMessage as type 10: expected PosePos"):
         sensor_proto2ros_msg(proto.ShouldTerminateSensorMessage(), SensorDataMessageType.POSE_POSITION)
@@ -352,8 +359,10 @@ def test_a_state_has_its_fields_in_any_letters():
 
 def test_times_and_durations_count_as_in_ros():
     run_script("""
+        import numpy as np
         import rospy
         one, half = rospy.Time(1, 0), rospy.Duration(0.5)
+        assert rospy.Duration(np.float32(0.5)) == half and rospy.Time(np.int64(2**60 // 10**9), np.int64(1)).nsecs == 1
         assert (one + half).to_sec() == 1.5 and (one - half).to_nsec() == 500_000_000
         assert one - rospy.Time(0, 250_000_000) == rospy.Duration(0, 750_000_000)
         assert (half * 3).to_sec() == 1.5 and half / rospy.Duration(2) == 0.25 and -half < half
@@ -452,6 +461,35 @@ def test_log_lines_and_topics_of_ones_own():
         assert list(p.data) == [1, 2, 4] and p.frame == "world"
     """)
     assert "]: 7 joints" in out and out.count("only once") == 1 and "not this" not in out
+
+
+def test_a_subscriber_listens_to_the_server_that_there_is():
+    run_script(f"""
+        import os, sys, time
+        import rospy, zmq
+        sys.path.append({str(Path(__file__).parent)!r})
+        from frankapy import proto
+        from franka_interface_msgs.msg import RobotState
+        from scripted_server import ScriptedServer
+
+        got, port = [], 0
+        with zmq.Context() as context:
+            for number in (1, 2):  # servers, each with another port for its states
+                with context.socket(zmq.PUB) as states, ScriptedServer(port=port) as server:
+                    states.bind("tcp://127.0.0.1:*")
+                    server.state_endpoint = states.last_endpoint.decode()
+                    if number == 1:
+                        os.environ["FRANKA_INTERFACE_SERVER"] = server.address
+                        port = int(server.address.rpartition(":")[2])
+                        rospy.Subscriber("/robot_state_publisher_node_1/robot_state", RobotState, got.append)
+                    deadline = time.monotonic() + 100
+                    while not (got and got[-1].q[0] == number):
+                        assert time.monotonic() < deadline
+                        state = proto.ArmState(robot=proto.RobotState(q=[number] * 7))
+                        states.send(b"10" + bytes(1) + state.SerializeToString())
+                        time.sleep(0.01)
+            rospy.signal_shutdown("enough")
+    """)
 
 
 def test_poses_that_a_lab_has_pickled_are_read_without_autolab_core(tmp_path, monkeypatch):

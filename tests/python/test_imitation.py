@@ -89,6 +89,7 @@ def test_smoothing_takes_the_tremor_and_leaves_the_motion():
         (lambda: Demonstration([0, 0.1], "far"), "joints are no numbers"),
         (lambda: bow().smooth(10), "width is 10 s"),
         (lambda: bow().cut(5, 6), "0 samples of 600 are there"),
+        (lambda: bow().resampled(-2), "samples is -2: expected a whole number"),
         (lambda: dmp.fit([], "joint"), "no demonstration"),
         (lambda: dmp.fit(bow(), "elbow"), "kind is 'elbow': expected one of joint, position, pose"),
         (lambda: dmp.fit(bow(), "pose"), "lacks what a primitive of pose is learned from"),

@@ -415,6 +415,26 @@ def test_keys_are_made_listed_and_removed_from_the_command_line(tmp_path, monkey
     assert [client.name for client in KeyFolder("server").clients()] == ["bob"]
 
 
+def test_what_cannot_be_written_is_told_and_leaves_no_client_behind(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    assert main(["keys", "new", "--folder", "file/keys"]) == 1
+    assert "file/keys cannot be written: Not a directory" in capsys.readouterr().err
+    assert main(["keys", "new", "--folder", "server"]) == 0
+
+    def add(file):
+        status = main(["keys", "add", "anna", "--role", "user", "--to", file, "--folder", "server"])
+        return status, capsys.readouterr().err
+
+    for file, told in (("missing/anna.json", "there is no folder missing"), ("file", "file is there already"), ("server", "is a folder")):
+        status, text = add(file)
+        assert status == 1 and told in text
+        assert KeyFolder("server").clients() == []
+    (tmp_path / "server/clients.json.part").mkdir()
+    status, text = add("anna.json")
+    assert status == 1 and "server cannot be written" in text
+
+
 def test_the_command_line_connects_with_a_key_and_status_says_whose(arm, capsys, monkeypatch):
     monkeypatch.setenv(KEY_VARIABLE, "")
     assert main(["status", "--server", arm.server]) == 1

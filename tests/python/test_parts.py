@@ -295,7 +295,8 @@ def test_parts_are_made_by_position_and_by_name():
     goal = RigidTransform(translation=[0.4, 0.1, 0.3], from_frame="franka_tool", to_frame="world")
     by_pose, by_field = MinJerkPose(goal, 2), MinJerkPose(position=[0.4, 0.1, 0.3], quaternion=[1, 0, 0, 0], duration=2)
     assert by_pose == by_field == MinJerkPose(pose=goal, duration=2)
-    assert list(CartesianImpedance(600, 50).translational_stiffness) == [600] * 3
+    for stiffness in (600, np.float32(600), np.array(600.0)):
+        assert list(CartesianImpedance(stiffness, 50).translational_stiffness) == [600] * 3
     assert list(ForceAbove(10, axis="z").axis) == [0, 0, 1]
     assert ForceAbove(10, frame="stiffness").frame == proto.ForceAbove.STIFFNESS
     assert FinalJoint().threshold == proto.FinalJoint().threshold

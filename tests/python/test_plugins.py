@@ -283,8 +283,9 @@ def test_a_name_that_cannot_be_one_is_refused(name, tmp_path, capsys):
 
 def test_a_folder_with_something_in_it_is_left_alone(tmp_path, capsys):
     (tmp_path / "thesis.tex").touch()
-    assert cli.main(["new", "controller", "mine", "--folder", str(tmp_path)]) == 1
-    assert "is there already" in capsys.readouterr().err
+    for folder, told in ((tmp_path, "is there already"), (tmp_path / "thesis.tex" / "mine", "cannot be written: Not a directory")):
+        assert cli.main(["new", "controller", "mine", "--folder", str(folder)]) == 1
+        assert told in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 

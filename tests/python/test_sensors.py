@@ -86,7 +86,7 @@ def test_joints_that_are_published_are_gone_to(fa, controller):
 def test_poses_out_of_reach_are_gone_to_as_far_as_it_goes_and_left_again(fa, controller):
     fa.goto_joints(HOME, 1)
     home = fa.get_pose()
-    fa.run(StreamPose("pose", delay=0, timeout=0), controller, Never(), block=False)
+    fa.run(StreamPose("pose", delay=0, timeout=0), controller, block=False)  # and nothing ends it
     with fa.publisher("pose") as publisher:
         def send(place):
             publisher.publish(proto.PosePositionSensorMessage(position=place, quaternion=home.quaternion))
@@ -169,6 +169,39 @@ def test_dynamic_motions_of_the_published_interface_follow_their_topic(fa):
         up = proto.CartesianVelocitySensorMessage(cartesian_velocities=[0, 0, 0.1, 0, 0, 0])
         wait_for(fa, lambda: publisher.publish(up) or fa.get_pose().translation[2] > before + 0.01)
         fa.stop_skill()
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        lambda fa: fa.run_guide_mode(1000, block=False),
+        lambda fa: fa.goto_joints(NEAR, 1000, block=False),
+        lambda fa: fa.goto_pose(fa.get_pose(), 1000, block=False, force_thresholds=[100] * 6),
+        lambda fa: fa.execute_joint_velocities([0] * 6 + [1e-4], [0] * 7, 1000, block=False),
+        lambda fa: fa.selective_guidance_mode(1000, block=False),
+    ],
+    ids=["guided", "joints", "pose", "velocities", "held"],
+)
+def test_a_message_ends_any_motion_of_the_published_interface_and_none_that_comes_later(fa, move):
+    topic = FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC
+    with fa.publisher(topic) as publisher:
+        move(fa)
+        publisher.publish(END)
+        fa.wait_for_skill()
+        assert fa.last_skill_result.termination == "SensorSays"
+        received = fa.topics()[topic].received
+        publisher.publish(END)
+        wait_for(fa, lambda: fa.topics()[topic].received > received)
+        fa.goto_joints(HOME, 1)
+    assert fa.last_skill_result.termination == "FinalJoint"
+
+
+def test_a_message_ends_one_motion_of_a_sequence(fa):
+    with fa.publisher(FrankaConstants.DEFAULT_SENSOR_PUBLISHER_TOPIC) as publisher, fa.sequence(blend=0.2) as results:
+        fa.goto_joints(NEAR, 1000)
+        fa.goto_joints(HOME, 1)
+        publisher.publish(END)
+    assert [result.termination for result in results] == ["SensorSays", "FinalJoint"]
 
 
 def test_torques_that_are_published_turn_a_joint_and_gains_hold_it(fa):

@@ -409,12 +409,16 @@ def test_objects_are_added_and_friction_is_set(paused):
     rough = paused.truth()
     assert rough.objects["ball"][2, 3] == pytest.approx(0.02, abs=1e-3)
     start = rough.objects["slider"][:3, 3]
+    stands = paused.save()
     paused.step(200)
     stuck = np.linalg.norm(paused.truth().objects["slider"][:3, 3] - start)
     paused.set_friction("slider", 0)
     paused.step(200)
     slid = np.linalg.norm(paused.truth().objects["slider"][:3, 3] - start)
     assert stuck < 2e-3 and slid > 0.03
+    paused.restore(stands)  # as rough as it was
+    paused.step(200)
+    assert np.linalg.norm(paused.truth().objects["slider"][:3, 3] - start) == pytest.approx(stuck, abs=1e-9)
     with pytest.raises(FrankaArmArgumentError, match="objects were added"):
         paused.restore(moment)
     with pytest.raises(FrankaArmArgumentError, match="called \"ball\" already"):
@@ -664,6 +668,7 @@ def test_the_same_script_and_seed_give_the_same_bytes(tmp_path):
         (lambda sim: sim.add_object("thing", "cone", [1, 1], 1, [0, 0, 0]), "box, sphere"),
         (lambda sim: sim.add_object("thing", "box", [1, 1], 1, [0, 0, 0]), "BOX has 3"),
         (lambda sim: sim.add_object("thing", "box", [1, 1, 0], 1, [0, 0, 0]), "0.001"),
+        (lambda sim: sim.add_object("thing", "box", "abc", 1, [0, 0, 0]), "size is 'abc'"),
         (lambda sim: sim.set_friction("nothing", 1), "nothing"),
         (lambda sim: sim.set_friction("block", -1), "friction is -1"),
         (lambda sim: sim.image(width=0), "width"),

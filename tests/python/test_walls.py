@@ -189,6 +189,16 @@ def test_a_way_is_checked_while_nothing_moves_and_by_whom_ever(walled, ideal_arm
             other.check(StayJoint(1), joints=[0, 0])
 
 
+def test_a_way_is_checked_from_where_an_arm_is_that_is_led(fa, ideal_arm):
+    fa.run(StayJoint(1000), FreeDrive(), block=False)
+    ideal_arm.simulation.push([0, 30, 0, 0, 0, 0], 0.3)
+    fa.wait_for(lambda state: abs(state.robot.q[0] - HOME[0]) > 0.1, 60)
+    fa.wait_for(lambda state: np.abs(state.robot.dq).max() < 0.01, 60)
+    assert fa.check(MinJerkJoint(fa.get_joints(), 0.05)).stretch < 1.1
+    assert fa.check(MinJerkJoint(HOME, 0.02)).stretch > 2
+    fa.stop_skill()
+
+
 def test_of_a_long_way_no_part_is_left_out(walled):
     walled.walls.add("glass", WALL)
     rest = range(20)  # of the robot, so that the spline is at rest too

@@ -735,6 +735,9 @@ TEST_P(AnyArm, torque_and_its_rate_stay_within_the_limits) {
     if (k % 13 == 0) wanted[k % 7] = INFINITY;
     if (k > 2500) wanted.setConstant(200);
     EXPECT_TRUE(limiter.limit(wanted, last, kDt, out));
+    Vector7 same = wanted;  // that what is wanted is also what comes out hides nothing
+    EXPECT_TRUE(limiter.limit(same, last, kDt, same));
+    EXPECT_EQ(same, out);
     for (int i = 0; i < 7; ++i) {
       ASSERT_LE(std::abs(out[i]), limits.tau_max[i]);
       ASSERT_LE(std::abs(out[i] - last[i]), limits.dtau_max[i] * kDt);

@@ -97,6 +97,26 @@ TEST_P(PulledArm, TakesNoMoreThanTheRobotHas) {
   EXPECT_EQ(has(held, HeldBy::kPower), share > 0.5) << "more is asked for";
 }
 
+// However little may be asked for, an arm whose controller is at fault is braked with all that its joints have.
+TEST(TorqueGate, WhatTheLoopItselfExertsIsNotReduced) {
+  SimulatedArm arm("fr3", Vector7::Map(models::kMotorInertia.data()));
+  const models::Limits& limits = models::limits(models::arm("fr3"), 10);
+  const auto exerted = [&](double share, bool loops_own) {
+    TorqueGate gate(limits);
+    Bounds bounds{limits};
+    for (double& tau_max : bounds.limits.tau_max) tau_max *= share;
+    gate.keep_to(bounds);
+    WallGuard walls;
+    Vector7 sent = Vector7::Zero();
+    const Vector7 wanted = Vector7::Map(limits.tau_max.data()) / 4;
+    for (int cycle = 0; cycle < 100; ++cycle) gate.pass(arm.cycle, walls, wanted, 0, sent, loops_own);
+    return sent;
+  };
+  EXPECT_LT(exerted(0.05, false)[0], 0.06 * limits.tau_max[0]);
+  EXPECT_EQ(exerted(0.05, true), exerted(1, true));
+  EXPECT_GT(exerted(0.05, true)[0], 0.2 * limits.tau_max[0]);
+}
+
 // Reaching out, the second joint of an arm bears a good half of what it can already.
 TEST(TorqueGate, JointsBearNoMoreThanTheyCanWithWhatTheArmWeighs) {
   SimulatedArm arm("fr3", Vector7::Map(models::kMotorInertia.data()));

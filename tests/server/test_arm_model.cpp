@@ -31,6 +31,19 @@ TEST(ArmModel, NewerRobotsSayWhatTheyAre) {
   }
 }
 
+// As clients compute it from the description: sqrt(2 deceleration distance) - offset, between zero and the greatest.
+TEST(ArmModel, NewerRobotsDescribeAJointThatMayMove) {
+  for (const auto& arm : models::arms()) {
+    const std::string urdf = models::urdf(arm, 10);
+    const std::regex limits("velocity_offset=\"([^\"]*)\" deceleration_limit=\"([^\"]*)\"");
+    std::size_t joints = 0;
+    for (std::sregex_iterator found(urdf.begin(), urdf.end(), limits), end; found != end; ++found, ++joints) {
+      EXPECT_GT(std::sqrt(2 * std::stod((*found)[2])) - std::stod((*found)[1]), 1) << arm.name << " one rad from its end";
+    }
+    EXPECT_EQ(joints, 7u);
+  }
+}
+
 TEST(ArmModel, ADescriptionThatCannotBeUsedIsReplacedAndToldOf) {
   const std::string urdf = models::urdf(models::arm("fr3"), 10);
   const std::string massless = std::regex_replace(urdf, std::regex("<inertial>[\\s\\S]*?</inertial>"), "");

@@ -126,6 +126,21 @@ TEST_F(RecordingTest, BeginsBeforeARecord) {
   EXPECT_EQ(all.states(), 4000u);
 }
 
+TEST_F(RecordingTest, MoreTopicsThanAFileMayHaveAreCounted) {
+  Recording recording(box_, folder_ / "a.mcap", {}, {});
+  constexpr int kTopics = 70'000;  // more than there are numbers for
+  for (int n = 0; n < kTopics; ++n) {
+    box_.journal.note(fmt::format("/sensors/{}", n), "frankapy.proto.SensorMessage", "x");
+    if (n % 1000 == 0) recording.write();
+  }
+  cycles(1);
+  recording.write();
+  recording.close();
+  EXPECT_EQ(recording.lost_bytes(), 69'000u);
+  EXPECT_EQ(count(read(folder_ / "a.mcap"), "/sensors/"), 1000u);
+  EXPECT_EQ(recording.states(), 1u);
+}
+
 TEST_F(RecordingTest, WhatIsOverwrittenIsCounted) {
   Recording recording(box_, folder_ / "a.mcap", {}, {});
   cycles(BlackBox::kRecords + 100);
@@ -393,6 +408,33 @@ TEST_F(RecordingTest, WhatAllOfItsProcessesLeaveIsFound) {
   const auto lines = read(files[0]);
   EXPECT_GE(count(lines, "/states"), 200u);
   EXPECT_EQ(count(lines, "/log"), 1u);
+}
+
+// A disk that is full, or not there, at the next start.
+TEST_F(RecordingTest, WhatCouldNotBeWrittenIsLeft) {
+  const fs::path folder = folder_ / "not there" / "recordings";
+  std::ofstream(folder_ / "not there") << "a file, and no folder";
+  int fd = make_black_box_file(BlackBoxOwner{"left", folder, 1});
+  {
+    BlackBox box = BlackBox::in(fd);
+    record_.received_ns = start_;
+    box.records.push(record_);
+  }
+  close(fd);
+  write_left_black_boxes();
+  fs::remove(folder_ / "not there");
+  write_left_black_boxes();
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "left"), fs::directory_iterator()), 1);
+  EXPECT_TRUE(left_black_boxes().empty());
+  // Of many that last is forgotten.
+  std::vector<int> fds;
+  for (int i = 0; i < 9; ++i) fds.push_back(make_black_box_file(BlackBoxOwner{"left", folder, 1}));
+  EXPECT_EQ(leave_black_box(fds.back()), "It is gone");
+  EXPECT_NE(leave_black_box(fds.front()), "It is gone");
+  for (const int each : fds) {
+    forget_black_box(each);
+    close(each);
+  }
 }
 
 TEST_F(RecordingTest, ABlackBoxOfAnotherUserOrBuildIsNotRead) {

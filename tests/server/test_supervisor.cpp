@@ -17,6 +17,7 @@
 #include "tests/child.hpp"
 #include "tests/server/client.hpp"
 #include "tests/server/fake_robot.hpp"
+#include "tests/server/key_folder.hpp"
 #include "wire/proto/validation.hpp"
 
 namespace server {
@@ -303,6 +304,14 @@ TEST(Supervisor, EndsByTheSignalsOfATerminal) {
     EXPECT_EQ(program.stop(number), 0) << number;
     EXPECT_NE(program.log().find("stopping: the arms brake and finish"), std::string::npos) << program.log();
   }
+}
+
+// With keys a thread asks whose they are, which must not be ended by them.
+TEST(Supervisor, EndsByASignalWithKeysToo) {
+  const KeyFolder keys;
+  Program program({"--robot", free_address(), "--port", "0", "--keys", keys.path.string()});
+  EXPECT_EQ(program.stop(SIGTERM), 0);
+  EXPECT_NE(program.log().find("stopping: the arms brake and finish"), std::string::npos) << program.log();
 }
 
 TEST(Supervisor, ABadFileEndsTheProgramBeforeAnythingStarts) {

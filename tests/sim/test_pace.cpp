@@ -44,6 +44,20 @@ TEST(Pace, ItsOwnLatenessIsNotChargedToTheClient) {
   EXPECT_EQ(client.finish(hold), Status::kSuccess);
 }
 
+TEST(Pace, ACommandThatDoesNotComeIsNoLatenessOfTheComputers) {
+  testing_tools::DrivenClock clock;
+  sim::Pace pace(clock);
+  for (int cycle = 0; cycle < 100; ++cycle) {
+    EXPECT_FALSE(pace.wait());
+    const std::int64_t patience = std::max<std::int64_t>(pace.grace() - clock.now(), 0);
+    clock.stall(patience);
+    pace.waited_in_vain(patience);
+    clock.stall(kMillisecond / 10);  // what a cycle takes
+    pace.done();
+  }
+  EXPECT_EQ(pace.late(), 0u);
+}
+
 TEST(Pace, WhatIsLostToALateCycleIsMadeUpFor) {
   DrivenArm arm("fr3", at_speed(1));
   RawClient client(arm, 10);

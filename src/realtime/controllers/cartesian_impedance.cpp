@@ -236,7 +236,7 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
 }
 
 void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
-  stiffness_.step();
+  stiffness_.step(cycle.dt);
   Dynamics arm(cycle);
   null_column_ = arm.find_null_motion(cycle, null_column_);
   if (++modes_age_ >= kModesAge) find_modes(cycle, arm);

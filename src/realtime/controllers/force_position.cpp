@@ -109,7 +109,7 @@ Vector6 ForcePosition::led_pose(const Cycle&, const Vector6& way) const noexcept
 }
 
 void ForcePosition::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
-  gains_.step();
+  gains_.step(cycle.dt);
   const Gains& gains = gains_.now();
   const auto S = gains.segment<6>(kSelection);
   const auto force_kps_joint = gains.segment<7>(kForceJoint);

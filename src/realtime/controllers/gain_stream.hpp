@@ -48,31 +48,36 @@ class GainStream {
     return input_ ? std::vector{input_} : std::vector<std::shared_ptr<SensorInput>>{};
   }
 
-  // Once in a cycle.
-  void step() noexcept {
+  // Once in a cycle, `dt` s after the one before.
+  void step(double dt) noexcept {
     if (!input_) return;
-    ++silent_;
+    silent_ += dt;
     for (SensorSample sample; input_->take(sample);) {
       const auto sent = Gains::Map(sample.values.data() + first_);
       goal_ = sent.array().isNaN().select(goal_, sent);
-      left_ = kCycles;
+      left_ = kWay;
       silent_ = 0;
     }
-    if (left_ > 0) gains_ += (goal_ - gains_) / left_--;
+    if (left_ < dt + kRounding) {
+      gains_ = goal_;
+    } else {
+      gains_ += dt / left_ * (goal_ - gains_);
+      left_ -= dt;
+    }
   }
 
   // As they are, and as they will be.
   const Gains& now() const noexcept { return gains_; }
   const Gains& goal() const noexcept { return goal_; }
-  // Cycles since the last message.
-  int silent() const noexcept { return silent_; }
+  // Since the last message, s.
+  double silent() const noexcept { return silent_; }
 
  private:
-  static constexpr int kCycles = 100;
+  static constexpr double kWay = 0.1, kRounding = 1e-9;  // s
 
   Gains gains_, goal_;
   std::size_t first_;
-  int left_ = 0, silent_ = 0;
+  double left_ = 0, silent_ = 0;  // s
   std::shared_ptr<SensorInput> input_;
 };
 

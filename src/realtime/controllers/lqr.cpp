@@ -87,7 +87,7 @@ void Lqr::find_fastest(const Matrix7& mobility) noexcept {
 void Lqr::start(const Cycle& cycle, Reference& reference) noexcept {
   Vector7 tau;
   step(cycle, reference, tau);
-  const Vector7 shift = K_inverse_ * (cycle.tau_J_d - tau);
+  const Vector7 shift = K_inverse_ * (cycle.tau_J_d - tau) / share_;
   reference.joint.q += shift.cwiseMax(-kMaxShift).cwiseMin(kMaxShift);
 }
 

@@ -10,7 +10,7 @@ namespace realtime {
 // A linear-quadratic regulator of the joints about the posture in which the skill begins:
 //   tau_J_d = K (q_ref - q) + D (dq_ref - dq) + M(q) ddq_ref + coriolis(q, dq)
 // With gravity, Coriolis torques and the reference's acceleration compensated, the difference x = (q - q_ref, dq - dq_ref)
-// is that of a double integrator with the inertia of the posture, links and motors (joint_inertia.hpp), sampled at 1 ms.
+// is that of a double integrator with the inertia of the posture, links and motors (models/joint_figures.hpp), sampled at 1 ms.
 // [K D], full matrices, minimise the sum of x^T Q x + u^T R u over its cycles: K, D = (R + B^T P B)^-1 B^T P A, and P solves
 // the discrete algebraic Riccati equation P = A^T P (I + B R^-1 B^T P)^-1 A + Q, here by structure-preserving doubling (Chu,
 // Fan, Lin, Wang, Structure-preserving algorithms for periodic discrete-time algebraic Riccati equations, Int. J. Control

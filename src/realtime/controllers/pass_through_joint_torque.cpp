@@ -7,7 +7,6 @@
 #include "realtime/check.hpp"
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
-#include "realtime/tick.hpp"
 
 namespace realtime {
 namespace {
@@ -61,9 +60,9 @@ void PassThroughJointTorque::start(const Cycle& cycle, Reference& reference) noe
 }
 
 void PassThroughJointTorque::step(const Cycle& cycle, const Reference& reference, Vector7& tau_J_d) noexcept {
-  gains_.step();
-  const bool silent = gains_.changes() && timeout_ > 0 && gains_.silent() * kTick > timeout_;
-  given_ = std::clamp(given_ + (silent ? -kTick : kTick) / kGiveWay, 0., 1.);
+  gains_.step(cycle.dt);
+  const bool silent = gains_.changes() && timeout_ > 0 && gains_.silent() > timeout_;
+  given_ = std::clamp(given_ + (silent ? -cycle.dt : cycle.dt) / kGiveWay, 0., 1.);
   tau_J_d = law(cycle, reference);
 }
 

@@ -50,6 +50,8 @@ class Paced : public TrajectoryGenerator {
 
   const Reference& goal() const noexcept override { return trajectory_->goal(); }
   bool shortened() const noexcept override { return trajectory_->shortened(); }
+  void held_back(const Reference& reference) noexcept override { trajectory_->held_back(reference); }
+  bool limited() const noexcept override { return trajectory_->limited(); }
   double duration() const noexcept override { return scale_ * pace_.places.back().time; }
   double stretch() const noexcept override { return pace_.places.back().time / pace_.places.back().path * trajectory_->stretch(); }
 

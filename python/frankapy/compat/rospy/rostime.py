@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import numbers
 import time
 from typing import Any
 
@@ -14,7 +15,8 @@ class _Value:
     """A count of nanoseconds."""
 
     def __init__(self, secs: float = 0, nsecs: int = 0) -> None:
-        self._ns = round(secs * _BILLION) + nsecs if isinstance(secs, float) else int(secs) * _BILLION + int(nsecs)
+        whole = int(secs) * _BILLION if isinstance(secs, numbers.Integral) else round(float(secs) * _BILLION)
+        self._ns = whole + int(nsecs)
 
     @classmethod
     def from_sec(cls, float_secs: float) -> Any:

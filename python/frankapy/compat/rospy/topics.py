@@ -9,8 +9,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from frankapy import proto
 from frankapy.connection import Connection
-from frankapy.exceptions import FrankaArmException
+from frankapy.exceptions import FrankaArmCommException, FrankaArmException
 from frankapy.franka_constants import FrankaConstants
 from frankapy.proto_utils import messages_of
 from frankapy.ros_messages import Header, JointState, RobotState
@@ -24,6 +25,7 @@ _SENSOR = re.compile(r"/franka_ros_interface(?:_(\d+))?/sensor")
 _ROBOT_STATE = re.compile(r"/robot_state_publisher_node_(\d+)/robot_state")
 _JOINT_STATES = re.compile(r"/franka_gripper_(\d+)/joint_states")
 _RATE = 100  # Hz, of states
+_AGAIN = 1.0  # s without states, after which the server is looked for again
 
 _subscribers: dict[str, list[Subscriber]] = collections.defaultdict(list)
 _latched: dict[str, tuple[Publisher, Any]] = {}  # the last message of those who let it wait for who subscribes later
@@ -96,7 +98,9 @@ class Subscriber:
                 self.take(_latched[self.resolved_name][1])
             if not name.startswith(("/franka", "franka")):
                 logwarn("%s: there is no ROS here, so that only this program's own messages arrive", self.resolved_name)
-        self._thread = threading.Thread(target=self._call if states is None else self._listen, args=(states,), daemon=True)
+            self._thread = threading.Thread(target=self._call, daemon=True)
+        else:
+            self._thread = threading.Thread(target=self._listen, args=states, daemon=True)
         self._thread.start()
 
     def take(self, message: Any) -> None:
@@ -110,18 +114,30 @@ class Subscriber:
         if self in _subscribers[self.resolved_name]:
             _subscribers[self.resolved_name].remove(self)
 
-    def _call(self, _: None) -> None:
-        while not self._ended.is_set() and not is_shutdown():
+    def _is_over(self) -> bool:
+        return self._ended.is_set() or is_shutdown()
+
+    def _call(self) -> None:
+        while not self._is_over():
             self._there.wait(0.1)
             self._there.clear()
             while self._messages:
                 self._deliver(self._messages.popleft())
 
-    def _listen(self, states: Callable[[], Any]) -> None:
-        for message in states():
-            if self._ended.is_set() or is_shutdown():
-                return
-            self._deliver(message)
+    def _listen(self, connection: Connection, convert: Callable[[proto.ArmState], Any]) -> None:
+        while not self._is_over():
+            try:
+                # A server that was started again may have other ports.
+                endpoint = connection.current_welcome().state_endpoint
+                with StateStream(endpoint, _AGAIN, _RATE, key=connection.key) as states:
+                    states._close.atexit = False  # the program's end would close it under this thread
+                    for state in states:
+                        if self._is_over():
+                            break
+                        self._deliver(convert(state))
+            except FrankaArmCommException:
+                self._ended.wait(_AGAIN)
+        connection.close()
 
     def _deliver(self, message: Any) -> None:
         try:
@@ -154,28 +170,18 @@ def wait_for_message(topic: str, topic_type: type, timeout: float | Duration | N
     return got[0]
 
 
-def _states_of(name: str) -> Callable[[], Any] | None:
-    """Return what yields the messages of a topic that stands for an arm's states; None for any other."""
+def _states_of(name: str) -> tuple[Connection, Callable[[proto.ArmState], Any]] | None:
+    """Return the connection to an arm, and what makes messages of its states, of a topic that stands for these; None for any other."""
     for pattern, convert in ((_ROBOT_STATE, _robot_state), (_JOINT_STATES, _fingers)):
         if (match := pattern.fullmatch(name)) is not None:
-            connection = Connection(None, int(match[1]))
-
-            def states() -> Any:
-                try:
-                    while not is_shutdown():
-                        with StateStream(connection.welcome.state_endpoint, rate=_RATE, key=connection.key) as stream:
-                            yield from map(convert, stream)
-                finally:
-                    connection.close()
-
-            return states
+            return Connection(None, int(match[1])), convert
     return None
 
 
-def _robot_state(state: Any) -> RobotState:
+def _robot_state(state: proto.ArmState) -> RobotState:
     return RobotState(state, Time(0, state.time_ns))
 
 
-def _fingers(state: Any) -> JointState:
+def _fingers(state: proto.ArmState) -> JointState:
     names = FrankaConstants.JOINT_NAMES[7:]
     return JointState(Header(state.robot.message_id, Time(0, state.time_ns)), names, [state.gripper.width / 2] * 2, [0.0] * 2, [0.0] * 2)
