@@ -257,7 +257,8 @@ class Recording:
             rows.append(("lost", f"{lost} states: the disk was too slow"))
         lost_bytes = int(self.about.get("lost_bytes", "0"))
         if lost_bytes:
-            rows.append(("lost", f"{lost_bytes / 1e3:.0f} kB of sensor messages, skills and log lines: the disk was too slow, or they were of more than 1000 topics"))
+            what = f"{lost_bytes / 1e3:.0f} kB of sensor messages, skills and log lines"
+            rows.append(("lost", f"{what}: the disk was too slow, or they were of more than 1000 topics"))
         if len(self):
             states = self.states
             missed = int(states["lost_states"][-1] - states["lost_states"][0])

@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "sim/robot/rotation.hpp"
+
 namespace sim {
 
 using Eigen::Vector3d;
@@ -11,8 +13,7 @@ ArmCapsules::ArmCapsules(const models::Arm& arm) {
   constexpr int kHand = 8;  // models::Capsule::link
   const auto& [xyz, rpy] = arm.joints[7];
   const Eigen::Isometry3d flange =
-      Eigen::Translation3d(xyz[0], xyz[1], xyz[2]) * Eigen::AngleAxisd(rpy[2], Vector3d::UnitZ()) *
-      Eigen::AngleAxisd(rpy[1], Vector3d::UnitY()) * Eigen::AngleAxisd(rpy[0], Vector3d::UnitX());
+      Eigen::Translation3d(xyz[0], xyz[1], xyz[2]) * Eigen::Isometry3d(rotation_of_rpy(rpy));
   const Eigen::Isometry3d hand = flange * Eigen::AngleAxisd(models::hand::kYaw, Vector3d::UnitZ());
   for (const models::Capsule& capsule : models::capsules()) {
     const Eigen::Isometry3d in_link = capsule.link == kHand ? hand : Eigen::Isometry3d::Identity();

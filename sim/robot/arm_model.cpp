@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "sim/robot/rotation.hpp"
+
 namespace sim {
 namespace {
 
@@ -22,9 +24,7 @@ Matrix3d steiner(double mass, const Vector3d& r) {
 ArmModel::ArmModel(const models::Arm& arm) {
   for (int i = 0; i < 8; ++i) {
     const auto& [xyz, rpy] = arm.joints[i];
-    frame_R_[i] = (Eigen::AngleAxisd(rpy[2], Vector3d::UnitZ()) * Eigen::AngleAxisd(rpy[1], Vector3d::UnitY()) *
-                   Eigen::AngleAxisd(rpy[0], Vector3d::UnitX()))
-                      .toRotationMatrix();
+    frame_R_[i] = rotation_of_rpy(rpy);
     frame_p_[i] = Vector3d(xyz[0], xyz[1], xyz[2]);
   }
   for (int i = 0; i < 7; ++i) {

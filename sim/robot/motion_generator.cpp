@@ -14,9 +14,9 @@ using Mode = fci::MotionGeneratorMode;
 
 constexpr double kDt = 0.001;  // s
 
-double elbow_sign(double q4) { return q4 > models::kElbowFlip ? 1 : -1; }
-
 }  // namespace
+
+std::array<double, 2> elbow(const Vector7& q) { return {q[2], q[3] > models::kElbowFlip ? 1. : -1.}; }
 
 MotionGenerator::MotionGenerator(const models::Arm& arm)
     : model_(arm), dq_max_(models::limits(arm, fci::kNewestVersion).dq_max.data()) {
@@ -30,7 +30,7 @@ void MotionGenerator::start(Mode mode, const Vector7& q, const Eigen::Matrix4d& 
   model_.update_kinematics(q);
   desired_.O_T_EE_d = desired_.O_T_EE_c = model_.O_T_F() * F_T_EE_;
   q3_ = q[2];
-  desired_.elbow_c = {q[2], elbow_sign(q[3])};
+  desired_.elbow_c = elbow(q);
   rest();
 }
 
@@ -126,7 +126,7 @@ void MotionGenerator::set_elbow(const Vector7& q) {
   const double rate = (q[2] - desired_.elbow_c[0]) / kDt;
   desired_.ddelbow_c[0] = (rate - desired_.delbow_c[0]) / kDt;
   desired_.delbow_c[0] = rate;
-  desired_.elbow_c = {q[2], elbow_sign(q[3])};
+  desired_.elbow_c = elbow(q);
 }
 
 // Newton's method on pose and q3 together, a square system, from where the joints will be if they go on as they do. Next

@@ -6,6 +6,9 @@
 
 namespace sim {
 
+// The elbow of joints, rad, as the state and commands have it: the third joint's angle, and which way the fourth is bent.
+std::array<double, 2> elbow(const Eigen::Matrix<double, 7, 1>& q);
+
 // Turns the commands of one motion into the desired joint motion that the internal controllers track
 // and the state reports: q_d, dq_d, ddq_d and, for Cartesian motions, O_T_EE_c, O_dP_EE_c, O_ddP_EE_c
 // and the elbow. Derivatives are backward Euler at 1 ms. A Cartesian pose becomes joints by inverse kinematics, continued

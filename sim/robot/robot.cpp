@@ -29,8 +29,6 @@ constexpr double kAccelerating = 0.01;  // rad/s², of any joint's reference: th
 constexpr double kSwinging = 0.01;      // rad/s, of an arm that a reflex has not yet brought to rest
 constexpr double kPeakTorque = 1.5;     // of tau_max: what the motors have in reserve
 
-std::array<double, 2> elbow(const Vector& q) { return {q[2], q[3] > models::kElbowFlip ? 1. : -1.}; }
-
 }  // namespace
 
 Robot::Robot(const models::Arm& arm, bool ideal, std::uint64_t seed)

@@ -4,6 +4,7 @@
 
 #include "sim/robot/joint_figures.hpp"
 #include "sim/robot/low_pass.hpp"
+#include "sim/robot/rotation.hpp"
 #include "sim/robot/vectors.hpp"
 
 namespace sim {
@@ -20,10 +21,7 @@ Sensors::Sensors(const models::Arm& arm, bool ideal, std::uint64_t seed) : ideal
     const auto& [xyz, rpy] = arm.joints[i];
     frame_p_[i] = Eigen::Vector3d(xyz.data());
     if (i == 6) break;
-    frame_R_[i] = (Eigen::AngleAxisd(rpy[2], Eigen::Vector3d::UnitZ()) *
-                   Eigen::AngleAxisd(rpy[1], Eigen::Vector3d::UnitY()) *
-                   Eigen::AngleAxisd(rpy[0], Eigen::Vector3d::UnitX()))
-                      .toRotationMatrix();
+    frame_R_[i] = rotation_of_rpy(rpy);
   }
 }
 

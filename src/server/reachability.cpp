@@ -86,15 +86,17 @@ Reach reach(realtime::Model& model, const models::Limits& limits, const Eigen::I
   Reach nearest = from(model, q_min, q_max, O_T_EE, q);
   std::mt19937 random(1);  // the same postures each time: one pose is always judged alike
   std::uniform_real_distribution<double> part(0.1, 0.9);
-  for (int i = 0; i < kPostures && !nearest.reached; ++i) {
+  int tried = 0;
+  for (; tried < kPostures && !nearest.reached; ++tried) {
     Vector7 start = Eigen::Map<const Vector7>(models::kHome.data());
-    if (i > 0) {
+    if (tried > 0) {
       for (int j = 0; j < 7; ++j) start[j] = q_min[j] + part(random) * (q_max[j] - q_min[j]);
     }
     const Reach other = from(model, q_min, q_max, O_T_EE, start);
     const auto size = [](const Reach& reach) { return reach.distance + 0.3 * reach.angle; };
     if (other.reached || size(other) < size(nearest)) nearest = other;
   }
+  nearest.tried = tried;
   return nearest;
 }
 

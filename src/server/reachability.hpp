@@ -12,6 +12,7 @@ struct Reach {
   Eigen::Isometry3d O_T_EE = Eigen::Isometry3d::Identity();  // there
   double distance = 0;                              // left, m
   double angle = 0;                                 // left, rad
+  int tried = 0;                                    // postures beside `q`
 };
 
 // Inverse kinematics by damped least squares (damping after Sugihara, "Solvability-unconcerned inverse

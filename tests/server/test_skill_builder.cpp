@@ -8,6 +8,7 @@
 #include "realtime/tool.hpp"
 #include "realtime/trajectories/paced.hpp"
 #include "server/path_pace.hpp"
+#include "server/reachability.hpp"
 #include "server/refused.hpp"
 #include "tests/realtime/at_home.hpp"
 #include "tests/realtime/singular_posture.hpp"
@@ -182,6 +183,28 @@ TEST_F(SkillBuilderTest, PosesOutOfReachAreRefusedWithWhatIsReached) {
     EXPECT_NE(text.find("The nearest that the joints allow is ["), std::string::npos) << text;
   }
   EXPECT_EQ(error_of(skill_of(pose_motion(0.2, 0.1, -0.2), proto::CartesianImpedance())), "no error");
+}
+
+// Each reached, and not from the one before it nor from home: what would take many seconds is given up.
+TEST_F(SkillBuilderTest, PosesThatAreNoPathAreRefusedInTime) {
+  const auto model = fr3_model();
+  realtime::carry(now_.state, *model);
+  std::mt19937 random(1);
+  proto::PoseWaypoints waypoints;
+  realtime::Vector7 at = Eigen::Map<const realtime::Vector7>(models::kHome.data());
+  while (waypoints.position_size() < 3000) {
+    realtime::Vector7 q;
+    for (int i = 0; i < 7; ++i) q[i] = std::uniform_real_distribution(fr3_limits().q_min[i] + 0.2, fr3_limits().q_max[i] - 0.2)(random);
+    const Eigen::Isometry3d pose = model->O_T_EE(q);
+    const Reach there = reach(*model, fr3_limits(), pose, at);
+    if (!there.reached || (there.tried < 2 && waypoints.position_size() < 900)) continue;
+    at = there.q;
+    const Eigen::Quaterniond turn(pose.linear());
+    for (int i = 0; i < 3; ++i) waypoints.add_position(pose.translation()[i]);
+    for (const double each : {turn.w(), turn.x(), turn.y(), turn.z()}) waypoints.add_quaternion(each);
+  }
+  const std::string text = error_of(skill_of(waypoints, proto::CartesianImpedance()));
+  EXPECT_NE(text.find("are far from the one before them"), std::string::npos) << text;
 }
 
 // From one side of the base to the other, both reached, straight through the base's axis.

@@ -98,6 +98,8 @@ auto pose_dmp(realtime::FirstBasis first) {
 void require_reach(const std::string& what, const Doubles& position, const Doubles& quaternions,
                    const realtime::Arm& arm) {
   constexpr int kTried = 1000;
+  constexpr int kPostures = 500;  // in some half of a second
+  int postures = 0;
   const int count = position.size() / 3, step = std::max(1, count / kTried);
   realtime::Vector7 q = arm.q;
   std::string refusal;
@@ -107,9 +109,12 @@ void require_reach(const std::string& what, const Doubles& position, const Doubl
     pose.translation() = Eigen::Map<const Eigen::Vector3d>(position.data() + 3 * k);
     const Reach result = reach(arm.model, arm.limits, pose, q);
     q = result.q;
+    postures += result.tried;
     if (!result.reached) {
       refusal = fmt::format("{} {} is out of the arm's reach by {:.1f} mm and {:.2f} rad: position [{:.4f}] m in O",
                             what, k, 1e3 * result.distance, result.angle, fmt::join(pose.translation(), ", "));
+    } else if (postures > kPostures) {
+      refusal = fmt::format("too many poses before {} {} are far from the one before them: expected a path, or fewer of them", what, k);
     }
   }
   arm.model.update(arm.q, realtime::Vector7::Zero());
