@@ -48,12 +48,13 @@ std::string urdf(const Arm& arm, std::uint16_t version) {
   std::string text = "<?xml version=\"1.0\"?>\n<robot name=\"" + std::string(arm.name) + "\">\n";
   text += link(0, arm.links[0]);
   for (int i = 0; i < kJoints; ++i) {
+    const double deceleration = limits.envelope_deceleration[i];
     text += joint_head(i + 1, "revolute", arm.joints[i]);
     text += "    <axis xyz=\"0 0 1\"/>\n    <limit" + attribute("lower", limits.q_min[i]) +
             attribute("upper", limits.q_max[i]) + attribute("velocity", limits.dq_max[i]) +
             attribute("effort", limits.tau_max[i]) + "/>\n    <position_based_velocity_limits" +
             attribute("velocity_offset", limits.envelope_offset[i]) +
-            attribute("deceleration_limit", limits.envelope_deceleration[i] != 0 ? limits.envelope_deceleration[i] : kAnyDeceleration) + "/>\n  </joint>\n";
+            attribute("deceleration_limit", deceleration != 0 ? deceleration : kAnyDeceleration) + "/>\n  </joint>\n";
     text += link(i + 1, arm.links[i + 1]);
   }
   text += joint_head(8, "fixed", arm.joints[7]) + "  </joint>\n  <link name=\"link8\"/>\n</robot>\n";

@@ -123,11 +123,7 @@ void Cell::receive_commands() {
   if (!lockstep_) return keep_pace();
   serve();
   // Also of arms that are not waited for: one whose motion is to begin while another's runs. What comes in a pause stays where it is.
-  if (time_ != Time::kPaused || steps_ > 0) {
-    for (auto& station : stations_) {
-      if (!station->command) station->command = station->robot_server.receive();
-    }
-  }
+  if (time_ != Time::kPaused || steps_ > 0) take_commands();
   if (!awaited()) {
     // A command whose loss is known is not waited for.
     const bool lost = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
@@ -143,6 +139,13 @@ void Cell::receive_commands() {
   came ? pace_.restart() : keep_pace();
 }
 
+// Of arms that have none yet.
+void Cell::take_commands() {
+  for (auto& station : stations_) {
+    if (!station->command) station->command = station->robot_server.receive();
+  }
+}
+
 void Cell::keep_pace() {
   for (auto& station : stations_) {
     while (const auto due = station->robot_server.next_delayed()) {
@@ -156,9 +159,7 @@ void Cell::keep_pace() {
   const bool late = pace_.wait();
   serve();
   if (time_ == Time::kPaused && steps_ == 0) return;  // what came stays where it is
-  for (auto& station : stations_) {
-    if (!station->command) station->command = station->robot_server.receive();
-  }
+  take_commands();
   const std::int64_t patience = std::max(late ? pace_.period() : 0, pace_.grace() - clock_.now());
   if (patience <= 0 || !awaited()) return;
   const std::int64_t before = clock_.now();

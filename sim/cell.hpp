@@ -99,6 +99,7 @@ class Cell {
   };
 
   void receive_commands();
+  void take_commands();
   void wait_for_commands(std::int64_t patience);
   void keep_pace();
   void serve();

@@ -48,8 +48,6 @@ struct Limb {
   Truth truth;
 };
 
-}  // namespace
-
 // How a geom touches others.
 struct Touch {
   double friction;
@@ -59,6 +57,8 @@ struct Touch {
 
   bool operator==(const Touch&) const = default;
 };
+
+}  // namespace
 
 struct World::Moment {
   int changes;

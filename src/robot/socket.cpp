@@ -26,8 +26,8 @@ bool wait_for(int fd, short events, Clock::time_point deadline) {
   }
 }
 
-// One that has lost its power or its cable says no goodbye: it is gone when nothing comes for 4 s, also of what is sent to it
-// (for which nothing is kept alive otherwise). As libfranka has it.
+// One that has lost its power or its cable says no goodbye: it is gone when nothing comes for 4 s. As libfranka has it; but while
+// something that was sent is not acknowledged, the system asks for no signs of life, and a time-out of that is needed as well.
 void keep_alive(int fd) {
   const auto set = [fd](int level, int option, int value) { ::setsockopt(fd, level, option, &value, sizeof value); };
   set(SOL_SOCKET, SO_KEEPALIVE, 1);

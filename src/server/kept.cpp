@@ -7,19 +7,17 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <string_view>
 
 #include "server/system_call.hpp"
 
 namespace server {
 namespace {
 
-// To a file, or nothing to a folder, and all that is under way there to the disk: it is whole after a loss of power.
-void write_through(const std::filesystem::path& path, int flags, std::string_view bytes) {
-  const int fd = open(path.c_str(), flags | O_CLOEXEC, 0644);
+// What is under way to a file, or a folder, is on the disk: also after a loss of power.
+void sync(const std::filesystem::path& path) {
+  const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) failed(path.c_str());
-  const bool written = bytes.empty() || write(fd, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size());
-  const bool done = written && (fsync(fd) == 0 || errno == EINVAL);  // some file systems have none
+  const bool done = fsync(fd) == 0 || errno == EINVAL;  // some file systems have none
   const int error = errno;
   close(fd);
   errno = error;
@@ -64,9 +62,14 @@ void save(const std::string& path, const google::protobuf::Message& message) {
     std::filesystem::remove(whole);
     return;
   }
-  write_through(part, O_WRONLY | O_CREAT | O_TRUNC, message.SerializeAsString());
+  {
+    std::ofstream file(part, std::ios::binary);
+    file << message.SerializeAsString() << std::flush;
+    if (!file) failed(part.c_str());
+  }
+  sync(part);
   std::filesystem::rename(part, whole);
-  write_through(whole.parent_path(), O_RDONLY | O_DIRECTORY, {});
+  sync(whole.parent_path());
 }
 
 }  // namespace server

@@ -218,6 +218,7 @@ TEST(GripperConnect, IsKeptAlive) {
   EXPECT_EQ(option(IPPROTO_TCP, TCP_KEEPIDLE), 1);
   EXPECT_EQ(option(IPPROTO_TCP, TCP_KEEPINTVL), 1);
   EXPECT_EQ(option(IPPROTO_TCP, TCP_KEEPCNT), 3);
+  EXPECT_EQ(option(IPPROTO_TCP, TCP_USER_TIMEOUT), 4000);
 }
 
 TEST(GripperConnect, SaysWhatIsWrong) {
