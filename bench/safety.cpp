@@ -84,13 +84,13 @@ std::vector<double> measure(std::unique_ptr<Walls> walls) {
     }
     const Matrix7 mobility = joint_mobility(model.mass());  // is there in any case
     const auto begin = std::chrono::steady_clock::now();
-    const bool clear_of_itself = self.clear(arm, q, way), clear = guard.clear(q, way, WallGuard::kClearance) && clear_of_itself;
+    const bool clear_of_itself = self.clear(arm, q, way, kSelfClearance), clear = guard.clear(q, way, WallGuard::kClearance) && clear_of_itself;
     if (!clear) {
       WallGuard::Bounds of_walls;
       SelfGuard::Bounds of_itself;
       const Vector7 past = past_bounds(0.001 * dq, clear_of_itself ? guard.bounds(of_walls) : self.bounds(arm, q, of_itself));
       for (Vector7& place : way) place += 0.001 * past;
-      self.clear(arm, q, way);
+      self.clear(arm, q, way, kSelfClearance);
       guard.clear(q, way, WallGuard::kClearance);
     }
     guard.look(q, dq, dq);

@@ -10,7 +10,7 @@ namespace realtime {
 WallGuard::~WallGuard() { delete walls_; }
 
 Walls* WallGuard::change(Walls* walls) noexcept { return std::exchange(walls_, walls); }
-bool WallGuard::clear(const Vector7&, std::span<const Vector7>, double) noexcept { return true; }
+bool WallGuard::clear(const Vector7&, std::span<const Vector7>, double, bool) noexcept { return true; }
 std::span<const JointBound> WallGuard::bounds(Bounds&) const noexcept { return {}; }
 void WallGuard::look(const Vector7&, const Vector7&, const Vector7&) noexcept {}
 void WallGuard::begin() noexcept {}

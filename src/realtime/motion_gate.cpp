@@ -59,7 +59,8 @@ Walls* MotionGate::keep_from(Walls* walls) noexcept {
 
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
-  walled_ = slowed_ = false;
+  met_ = HeldBy::kNothing;
+  slowed_ = false;
   if (limiter_.reset(from)) return;  // and comes to rest as before
   soon_ = unseen_ = false;
   spared_ = 1;
@@ -184,7 +185,7 @@ bool MotionGate::elbow_is_clear(const Vector7& q) noexcept {
   const ArmCapsules* const arm = walls_.arm();
   if (arm == nullptr) return true;
   const std::span<const Vector7> there(&q, 1);
-  return self_.clear(*arm, joints_.q, there) &&
+  return self_.clear(*arm, joints_.q, there, kSelfClearance) &&
          (!walls_.active() || walls_.clear(joints_.q, there, WallGuard::kClearance + 2 * WallGuard::kTurnAround));
 }
 
@@ -205,6 +206,7 @@ MotionGate::Shares MotionGate::bearable() const noexcept {
 // not do either, the way to rest, which was clear the last time.
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
+  turning_ = met_ != HeldBy::kNothing && !limiter_.at_rest();
   const Shares spared = bearable();
   limiter_.spare(spared.braking, spared.catching_up);
   HeldBy held = keep_to_bounds(wanted, reference);
@@ -214,12 +216,10 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
     held |= HeldBy::kMotionLimits;
   }
   const ArmCapsules* const arm = walls_.arm();
-  const double clearance = WallGuard::kClearance + (walled_ ? WallGuard::kTurnAround : 0);
   const bool soon = soon_;
-  const HeldBy met = arm == nullptr ? HeldBy::kNothing : meets(*arm, reference, clearance);
-  held |= met;
-  walled_ = met == HeldBy::kWall;
-  if (met == HeldBy::kNothing) {
+  met_ = arm == nullptr ? HeldBy::kNothing : meets(*arm, reference, met_);
+  held |= met_;
+  if (met_ == HeldBy::kNothing) {
     spared_ = spared.braking;
     unseen_ = false;
     return held;
@@ -228,10 +228,10 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   limiter_.spare(spared_, spared.catching_up);  // as on the way that was clear
   WallGuard::Bounds of_walls;
   SelfGuard::Bounds of_itself;
-  const Reference aside = past(walled_ ? walls_.bounds(of_walls) : self_.bounds(*arm, joints_.q, of_itself), wanted);
+  const Reference aside = past(met_ == HeldBy::kWall ? walls_.bounds(of_walls) : self_.bounds(*arm, joints_.q, of_itself), wanted);
   if (!beside(aside, before_)) {
     limiter_.follow(aside, kTick, reference);
-    if (meets(*arm, reference, WallGuard::kClearance) == HeldBy::kNothing &&
+    if (meets(*arm, reference) == HeldBy::kNothing &&
         beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing) {
       return held;
     }
@@ -243,23 +243,29 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
 }
 
 // What is in the way to rest: gently, and where that does not do as soon as may be. How soon a pose rests is known roughly only.
-HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, double clearance) noexcept {
-  const HeldBy met = meets(arm, reference, clearance, false);
+// From what was in the way `before` it has to keep away farther; and while it moves, whatever way that is: one that swings back
+// would else be let go, and come again.
+HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, HeldBy before) noexcept {
+  const HeldBy met = meets(arm, reference, before, false);
   soon_ = met != HeldBy::kNothing && reference.motion != Channels::kPose;
-  return soon_ ? meets(arm, reference, clearance, true) : met;
+  return soon_ ? meets(arm, reference, before, true) : met;
 }
 
-HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, double clearance, bool soon) noexcept {
+HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, HeldBy before, bool soon) noexcept {
   look_to_rest(reference, soon);
-  if (!self_.clear(arm, joints_.q, way_to_rest())) return HeldBy::kItself;
-  return when(walls_.active() && !walls_.clear(joints_.q, way_to_rest(), clearance), HeldBy::kWall);
+  const bool itself = before == HeldBy::kItself, wall = before == HeldBy::kWall;
+  const double from_itself = kSelfClearance + (itself ? SelfGuard::kTurnAround : 0);
+  if (!self_.clear(arm, joints_.q, way_to_rest(), from_itself, !(itself && turning_))) return HeldBy::kItself;
+  if (!walls_.active()) return HeldBy::kNothing;
+  const double from_walls = WallGuard::kClearance + (wall ? WallGuard::kTurnAround : 0);
+  return when(!walls_.clear(joints_.q, way_to_rest(), from_walls, !(wall && turning_)), HeldBy::kWall);
 }
 
 bool MotionGate::brake(Reference& reference, bool soon) noexcept {
   before_ = reference;
   const ArmCapsules* const arm = walls_.arm();
   if (arm != nullptr && !soon_) {
-    const auto is_clear = [&](bool how) { return meets(*arm, reference, WallGuard::kClearance, how) == HeldBy::kNothing; };
+    const auto is_clear = [&](bool how) { return meets(*arm, reference, HeldBy::kNothing, how) == HeldBy::kNothing; };
     soon_ = unseen_ && !is_clear(false);
     soon = soon && (soon_ || is_clear(true));
   }

@@ -26,7 +26,7 @@ void check_self_collision(const ArmCapsules& arm, std::span<const realtime::Vect
     if (moved < distance - realtime::kSelfClearance) continue;
     distance = realtime::self_distance(arm, way[k]).distance;
     moved = 0;
-    const auto found = realtime::comes_nearer(arm, way[0], way[k], kNearing);
+    const auto found = realtime::comes_nearer(arm, way[0], way[k], realtime::kSelfClearance, kNearing);
     if (!found) continue;
     const bool goal = k + 1 == way.size();
     throw Refused(frankapy::proto::Error::INVALID_ARGUMENT,

@@ -218,6 +218,74 @@ TEST_P(FoldedArm, keeps_from_itself) {
   EXPECT_GT(least, models::kCapsuleMargin + 5e-4) << "what the way looks like between its places";
 }
 
+// A reference that has slid along itself to where all that leads out comes nearer to begin with: it comes to rest there, and at
+// whatever moment it is called back it finds the way.
+TEST_P(FoldedArm, comes_out_of_a_pocket_of_itself) {
+  constexpr int kIn = 1500, kRested = 350, kWay = 1000, kOut = 4000;  // cycles
+  constexpr double kFrom = 1.4, kTo = 0.5;             // rad, of joint 6
+  const models::Arm& arm = models::arm(GetParam());
+  const models::Limits& limits = models::limits(arm, 10);
+  const ArmCapsules body(arm, true);
+  for (int moment = 0; moment < 400; moment += 10) {
+    Model model(models::urdf(arm, 10));
+    MotionGate gate(limits, model);
+    delete gate.keep_from(new Walls{body, {}});
+    Reference reference;
+    reference.motion = Channels::kJoint;
+    reference.joint.q << 0, -0.5, 0, -2.7, 0, kFrom, M_PI / 4;
+    Reference wanted = reference;
+    gate.reset(reference);
+    double& q = reference.joint.q[5];
+    for (int cycle = 0; cycle < kIn + moment + kOut; ++cycle) {
+      const bool out = cycle >= kIn + moment;
+      const double u = std::min((out ? cycle - kIn - moment : cycle) / static_cast<double>(kWay), 1.);
+      const double way = (out ? -1 : 1) * (kTo - kFrom);
+      wanted.joint.q[5] = (out ? kTo : kFrom) + way * u * u * u * (10 - 15 * u + 6 * u * u);
+      wanted.joint.dq[5] = way * 30 * u * u * (1 - u) * (1 - u) / (kWay * kTick);
+      wanted.joint.ddq[5] = way * 60 * u * (1 - u) * (1 - 2 * u) / (kWay * kTick * kWay * kTick);
+      model.update(reference.joint.q, reference.joint.dq);
+      gate.observe(reference, Vector7::Zero(), nullptr);
+      gate.follow(wanted, reference);
+      if (cycle == kIn - 1) ASSERT_LT(q, 1);
+      if (!out && cycle == kIn + kRested) EXPECT_LT(reference.joint.dq.norm(), 1e-3) << "rattles";
+    }
+    EXPECT_NEAR(q, kFrom, 1e-6) << "called back " << moment << " cycles later";
+  }
+}
+
+// Goals behind a plane that slopes anyhow: where there is no way on, the reference rests, and does not rattle.
+TEST_P(FoldedArm, rests_at_a_wall) {
+  constexpr int kGoals = 25, kCycles = 5000;
+  const models::Arm& arm = models::arm(GetParam());
+  const models::Limits& limits = models::limits(arm, 10);
+  std::mt19937 engine(3);
+  std::uniform_real_distribution<> some(0, 1);
+  int met = 0, rest = 0;
+  for (int n = 0; n < kGoals; ++n) {
+    Model model(models::urdf(arm, 10));
+    MotionGate gate(limits, model);
+    const double a = 2 * M_PI * some(engine);
+    const Vector3 out(std::cos(a), std::sin(a), 0);
+    delete gate.keep_from(new Walls{ArmCapsules(arm, true), {{1, plane(Vector3(0.15, 0, 0) - 0.1 * out, out)}}});
+    Reference reference, wanted;
+    reference.motion = wanted.motion = Channels::kJoint;
+    reference.joint.q = Vector7::Map(models::kHome.data());
+    for (int i = 0; i < models::kJoints; ++i) wanted.joint.q[i] = reference.joint.q[i] - 0.7 + 1.4 * some(engine);
+    gate.reset(reference);
+    HeldBy held = HeldBy::kNothing;
+    for (int cycle = 0; cycle < kCycles; ++cycle) {
+      model.update(reference.joint.q, reference.joint.dq);
+      gate.observe(reference, Vector7::Zero(), nullptr);
+      held = gate.follow(wanted, reference);
+    }
+    if (!has(held, HeldBy::kWall)) continue;
+    ++met;
+    rest += reference.joint.dq.norm() < 1e-3;
+  }
+  EXPECT_GT(met, kGoals / 2);
+  EXPECT_GE(rest, met - 1) << "that slide on for longer than this";
+}
+
 // What it holds lies deep in another link, to which it is allowed: that is no leave for others.
 TEST_P(FoldedArm, keeps_its_links_apart_whatever_else_lies_in_it) {
   const models::Arm& arm = models::arm(GetParam());

@@ -52,13 +52,6 @@ void check(const Vector6& stiffness) {
   }
 }
 
-Vector6 to_reference(const Cycle& cycle, const CartesianReference& reference) {
-  Vector6 e;
-  e << reference.position - cycle.O_T_EE.translation(),
-      log(reference.orientation * Eigen::Quaterniond(cycle.O_T_EE.linear()).conjugate());
-  return e;
-}
-
 Vector3 shortened(const Vector3& x, double length) {
   const double norm = x.norm();
   return norm > length ? Vector3(x * (length / norm)) : x;
@@ -210,7 +203,7 @@ void CartesianImpedance::start(const Cycle& cycle, Reference& reference) noexcep
   const Vector7 tau = cycle.tau_J_d - cycle.model.coriolis() - ahead(cycle, arm, reference.cartesian);
   const Vector6 force = arm.Lambda(arm.M_inv_Jt.transpose() * tau);
   const Vector6 spring = force - other_force(cycle, arm, pose);
-  const Vector6 e = to_reference(cycle, pose);
+  const Vector6 e = change_between(at(cycle.O_T_EE), pose);
   const Vector6 spring_in_frame = in_frame(cycle, spring), e_in_frame = in_frame(cycle, e);
   Vector6 shift = Vector6::Zero();
   integral_.setZero();
@@ -242,7 +235,7 @@ void CartesianImpedance::step(const Cycle& cycle, const Reference& reference, Ve
   if (++modes_age_ >= kModesAge) find_modes(cycle, arm);
   posture_shift_ *= kPostureFade;
   const CartesianReference& pose = reference.cartesian;
-  const Vector6 spring = stiffness_.now().cwiseProduct(in_frame(cycle, to_reference(cycle, pose)));
+  const Vector6 spring = stiffness_.now().cwiseProduct(in_frame(cycle, change_between(at(cycle.O_T_EE), pose)));
   integrate(cycle, spring);
   const Vector6 force = in_base(cycle, spring + integral_) + other_force(cycle, arm, pose);
   const Vector7 way = cycle.q_ref + posture_shift_ - cycle.q;

@@ -115,9 +115,7 @@ void ForcePosition::step(const Cycle& cycle, const Reference& reference, Vector7
   const auto force_kps_joint = gains.segment<7>(kForceJoint);
   const Matrix67& J = cycle.model.jacobian();
   const CartesianReference& pose = reference.cartesian;
-  Vector6 e;
-  e << pose.position - cycle.O_T_EE.translation(),
-      log(pose.orientation * Eigen::Quaterniond(cycle.O_T_EE.linear()).conjugate());
+  const Vector6 e = change_between(at(cycle.O_T_EE), pose);
   const Vector6 v = J * cycle.dq;
   Matrix6 JJt = J * J.transpose();
   JJt.diagonal().array() += kDamping;

@@ -89,12 +89,13 @@ SelfDistance self_distance(const ArmCapsules& arm, const Vector7& q) noexcept {
   return least;
 }
 
-std::optional<SelfDistance> comes_nearer(const ArmCapsules& arm, const Vector7& from, const Vector7& q, double rounding) noexcept {
+std::optional<SelfDistance> comes_nearer(const ArmCapsules& arm, const Vector7& from, const Vector7& q, double clearance,
+                                         double rounding) noexcept {
   ArmCapsules::Place there, here;
   arm.place(from, there);
   arm.place(q, here);
   const Segments before(arm, there), now(arm, here);
-  SelfDistance least{kSelfClearance};
+  SelfDistance least{clearance};
   bool comes = false;
   visit_pairs(now, least.distance, [&](const Segment& one, const Segment& two, const Between& axes) {
     const double radii = one.radius + two.radius, distance = axes.distance - radii;

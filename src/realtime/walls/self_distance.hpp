@@ -16,9 +16,10 @@ struct SelfDistance {
 };
 SelfDistance self_distance(const ArmCapsules& arm, const Vector7& q) noexcept;
 
-// Two links that are nearer than kSelfClearance at q, and by more than `rounding` (m) nearer than they are at `from`; the nearest of
-// such. Others may lie nearer to each other than these, and stay so.
-std::optional<SelfDistance> comes_nearer(const ArmCapsules& arm, const Vector7& from, const Vector7& q, double rounding) noexcept;
+// Two links that are nearer than `clearance` (m) at q, and by more than `rounding` (m) nearer than they are at `from`; the nearest
+// of such. Others may lie nearer to each other than these, and stay so.
+std::optional<SelfDistance> comes_nearer(const ArmCapsules& arm, const Vector7& from, const Vector7& q, double clearance,
+                                         double rounding) noexcept;
 
 // Two such links, and how what is between them changes with the joints, m/rad.
 struct SelfContact {

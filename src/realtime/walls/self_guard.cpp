@@ -16,15 +16,17 @@ double SelfGuard::distance_at(const ArmCapsules& arm, const Vector7& q) noexcept
   return distance_ = self_distance(arm, q).distance;
 }
 
-bool SelfGuard::clear(const ArmCapsules& arm, const Vector7& q, std::span<const Vector7> way) noexcept {
+bool SelfGuard::clear(const ArmCapsules& arm, const Vector7& q, std::span<const Vector7> way, double clearance,
+                      bool or_so) noexcept {
   const auto way_between = [&](const Vector7& a, const Vector7& b) { return arm.reach() * (a - b).lpNorm<1>(); };
   double longest = 0;
   for (const Vector7& place : way) longest = std::max(longest, way_between(place, seen_));
-  if (distance_ - longest >= kSelfClearance) return true;
+  if (distance_ - longest >= clearance) return true;
   distance_at(arm, q);
   for (const Vector7& place : way) {
-    if (distance_ - way_between(place, seen_) >= kSelfClearance) continue;
-    if (distance_at(arm, place) < kSelfClearance && comes_nearer(arm, q, place, kRounding)) return false;
+    if (distance_ - way_between(place, seen_) >= clearance) continue;
+    if (distance_at(arm, place) >= clearance) continue;
+    if (!or_so || comes_nearer(arm, q, place, clearance, kRounding)) return false;
   }
   return true;
 }

@@ -84,7 +84,7 @@ WallGuard::Contact WallGuard::contact(int capsule, int wall, const Nearest& foun
           walls_->arm.gradient(here_, capsule, found.point, found.normal)};
 }
 
-bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double clearance) noexcept {
+bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double clearance, bool or_so) noexcept {
   const ArmCapsules& arm = walls_->arm;
   arm.place(q, here_);
   const std::size_t steps = std::min<std::size_t>(way.size(), kMostOnWay);
@@ -105,7 +105,7 @@ bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double cle
       if (is_far(capsule, wall, here_, clearance + reach)) continue;
       const Shape& shape = walls_->walls[wall].shape;
       const Nearest now = nearest(shape, here_.a[capsule], here_.b[capsule]);
-      const double enough = std::min(clearance, now.distance - radius) - kRounding;
+      const double enough = (or_so ? std::min(clearance, now.distance - radius) : clearance) - kRounding;
       bool clear = true;
       for (std::size_t k = 0; k < steps && clear; ++k) {
         if (now.distance - radius - gone[k] > enough || is_far(capsule, wall, places_[k], enough)) continue;

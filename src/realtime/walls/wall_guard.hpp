@@ -52,9 +52,9 @@ class WallGuard {
   // The body of the arm; null before change().
   const ArmCapsules* arm() const noexcept { return walls_ != nullptr ? &walls_->arm : nullptr; }
 
-  // Whether the arm keeps `clearance` from each wall on that way of the joints (rad) from q on; from a wall that is nearer at
-  // q it comes no nearer.
-  bool clear(const Vector7& q, std::span<const Vector7> way, double clearance) noexcept;
+  // Whether the arm keeps `clearance` from each wall on that way of the joints (rad) from q on; `or_so`: or comes no nearer to a wall
+  // that is nearer at q.
+  bool clear(const Vector7& q, std::span<const Vector7> way, double clearance, bool or_so = true) noexcept;
 
   // What keeps a change of the joints, from where they were in the last clear(), kClearance away from what was near there.
   using Bounds = std::array<JointBound, kMostBounds>;
