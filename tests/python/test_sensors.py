@@ -835,11 +835,11 @@ def test_a_part_that_was_replaced_listens_no_more(fa):
 
 
 def test_a_while_after_the_trajectory_is_after_the_one_that_it_has_now(fa):
-    fa.run(MinJerkJoint(NEAR, 0.5), JointImpedance(), Time(after_trajectory=120), block=False)
+    fa.run(MinJerkJoint(NEAR, 0.5), JointImpedance(), Time(after_trajectory=60), block=False)
     wait_for(fa, lambda: fa.get_arm_state().skill_time > 5)
     fa.change(trajectory=MinJerkJoint(HOME, 10))
     fa.wait_for_skill()
-    assert fa.last_skill_result.time > 134
+    assert fa.last_skill_result.time > 74
     np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
 
 

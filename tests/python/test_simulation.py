@@ -202,7 +202,7 @@ def test_a_motion_waits_while_paused(sim, fa):
     fa.goto_joints(HOME, duration=1)
     goal = np.array(HOME) + 0.1
     sim.pause()
-    fa.goto_joints(goal, duration=60, block=False)
+    fa.goto_joints(goal, duration=10, block=False)
     until(lambda: sim.truth().moving)
     sim.step(10)
     before = sim.truth()
