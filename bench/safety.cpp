@@ -84,7 +84,8 @@ std::vector<double> measure(std::unique_ptr<Walls> walls) {
     }
     const Matrix7 mobility = joint_mobility(model.mass());  // is there in any case
     const auto begin = std::chrono::steady_clock::now();
-    const bool clear_of_itself = self.clear(arm, q, way, kSelfClearance), clear = guard.clear(q, way, WallGuard::kClearance) && clear_of_itself;
+    const bool clear_of_itself = self.clear(arm, q, way, kSelfClearance);
+    const bool clear = guard.clear(q, way, WallGuard::kClearance) && clear_of_itself;
     if (!clear) {
       WallGuard::Bounds of_walls;
       SelfGuard::Bounds of_itself;

@@ -222,7 +222,7 @@ TEST_P(FoldedArm, keeps_from_itself) {
 // whatever moment it is called back it finds the way.
 TEST_P(FoldedArm, comes_out_of_a_pocket_of_itself) {
   constexpr int kIn = 1500, kRested = 350, kWay = 1000, kOut = 4000;  // cycles
-  constexpr double kFrom = 1.4, kTo = 0.5;             // rad, of joint 6
+  constexpr double kFrom = 1.4, kTo = 0.5;  // rad, of joint 6
   const models::Arm& arm = models::arm(GetParam());
   const models::Limits& limits = models::limits(arm, 10);
   const ArmCapsules body(arm, true);
@@ -253,7 +253,7 @@ TEST_P(FoldedArm, comes_out_of_a_pocket_of_itself) {
   }
 }
 
-// Goals behind a plane that slopes anyhow: where there is no way on, the reference rests, and does not rattle.
+// Goals behind a plane that stands across them anyhow: where there is no way on, the reference rests, and does not rattle.
 TEST_P(FoldedArm, rests_at_a_wall) {
   constexpr int kGoals = 25, kCycles = 5000;
   const models::Arm& arm = models::arm(GetParam());
