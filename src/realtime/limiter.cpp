@@ -9,6 +9,7 @@
 #include "realtime/rotation.hpp"
 #include "realtime/ruckig_planner.hpp"
 #include "realtime/share_inside.hpp"
+#include "realtime/shortened.hpp"
 #include "realtime/tick.hpp"
 
 namespace realtime {
@@ -115,11 +116,6 @@ Vector6 twist(const Vector3& linear, const Vector3& angular) {
 
 std::size_t places_on(double way, std::size_t most) {
   return std::clamp<std::size_t>(static_cast<std::size_t>(std::ceil(way / kWayStep)), 1, most);
-}
-
-Vector3 limited(const Vector3& x, double length) {
-  const double norm = x.norm();
-  return norm > length ? Vector3(x * (length / norm)) : x;
 }
 
 // One joint. v and a are backward differences of the outputs, as the robot sees them; velocity and acceleration are those of
@@ -702,9 +698,9 @@ struct Limiter::Impl : Motion {
     const models::Limits::Rates own = own_limits(part);
     const double V = plan_share() * own.velocity;
     const double A = plan_share() * own.acceleration;
-    const Vector3 velocity = limited(wanted_velocity, V);
+    const Vector3 velocity = shortened(wanted_velocity, V);
     const bool too_fast = reduced && wanted_velocity.norm() > V;
-    const Vector3 acceleration = too_fast ? Vector3::Zero().eval() : limited(wanted_acceleration, A);
+    const Vector3 acceleration = too_fast ? Vector3::Zero().eval() : shortened(wanted_acceleration, A);
     const double J = give_back_jerk(part, own, part.acceleration - acceleration);
     const double axis = 1 / std::sqrt(3.0);
     const double V_axis = axis * std::max(V - velocity.norm(), kLeastShare * V);

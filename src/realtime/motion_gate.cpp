@@ -206,7 +206,7 @@ MotionGate::Shares MotionGate::bearable() const noexcept {
 // not do either, the way to rest, which was clear the last time.
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
-  turning_ = met_ != HeldBy::kNothing && !limiter_.at_rest();
+  const Before met_before{met_, !limiter_.at_rest()};
   const Shares spared = bearable();
   limiter_.spare(spared.braking, spared.catching_up);
   HeldBy held = keep_to_bounds(wanted, reference);
@@ -217,7 +217,7 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   }
   const ArmCapsules* const arm = walls_.arm();
   const bool soon = soon_;
-  met_ = arm == nullptr ? HeldBy::kNothing : meets(*arm, reference, met_);
+  met_ = arm == nullptr ? HeldBy::kNothing : meets(*arm, reference, met_before);
   held |= met_;
   if (met_ == HeldBy::kNothing) {
     spared_ = spared.braking;
@@ -231,7 +231,7 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   const Reference aside = past(met_ == HeldBy::kWall ? walls_.bounds(of_walls) : self_.bounds(*arm, joints_.q, of_itself), wanted);
   if (!beside(aside, before_)) {
     limiter_.follow(aside, kTick, reference);
-    if (meets(*arm, reference) == HeldBy::kNothing &&
+    if (meets(*arm, reference, {}) == HeldBy::kNothing &&
         beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing) {
       return held;
     }
@@ -245,27 +245,28 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
 // What is in the way to rest: gently, and where that does not do as soon as may be. How soon a pose rests is known roughly only.
 // From what was in the way `before` it has to keep away farther; and while it moves, whatever way that is: one that swings back
 // would else be let go, and come again.
-HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, HeldBy before) noexcept {
+HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, const Before& before) noexcept {
   const HeldBy met = meets(arm, reference, before, false);
   soon_ = met != HeldBy::kNothing && reference.motion != Channels::kPose;
   return soon_ ? meets(arm, reference, before, true) : met;
 }
 
-HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, HeldBy before, bool soon) noexcept {
+HeldBy MotionGate::meets(const ArmCapsules& arm, const Reference& reference, const Before& before, bool soon) noexcept {
   look_to_rest(reference, soon);
-  const bool itself = before == HeldBy::kItself, wall = before == HeldBy::kWall;
-  const double from_itself = kSelfClearance + (itself ? SelfGuard::kTurnAround : 0);
-  if (!self_.clear(arm, joints_.q, way_to_rest(), from_itself, !(itself && turning_))) return HeldBy::kItself;
+  const auto farther = [&](HeldBy from) { return before.met == from ? WallGuard::kTurnAround : 0; };
+  const auto or_so = [&](HeldBy from) { return before.met != from || !before.turning; };
+  const double from_itself = kSelfClearance + farther(HeldBy::kItself);
+  if (!self_.clear(arm, joints_.q, way_to_rest(), from_itself, or_so(HeldBy::kItself))) return HeldBy::kItself;
   if (!walls_.active()) return HeldBy::kNothing;
-  const double from_walls = WallGuard::kClearance + (wall ? WallGuard::kTurnAround : 0);
-  return when(!walls_.clear(joints_.q, way_to_rest(), from_walls, !(wall && turning_)), HeldBy::kWall);
+  const double from_walls = WallGuard::kClearance + farther(HeldBy::kWall);
+  return when(!walls_.clear(joints_.q, way_to_rest(), from_walls, or_so(HeldBy::kWall)), HeldBy::kWall);
 }
 
 bool MotionGate::brake(Reference& reference, bool soon) noexcept {
   before_ = reference;
   const ArmCapsules* const arm = walls_.arm();
   if (arm != nullptr && !soon_) {
-    const auto is_clear = [&](bool how) { return meets(*arm, reference, HeldBy::kNothing, how) == HeldBy::kNothing; };
+    const auto is_clear = [&](bool how) { return meets(*arm, reference, {}, how) == HeldBy::kNothing; };
     soon_ = unseen_ && !is_clear(false);
     soon = soon && (soon_ || is_clear(true));
   }

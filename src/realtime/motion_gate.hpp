@@ -75,8 +75,13 @@ class MotionGate {
   HeldBy too_much_effort(const Reference& reference) const noexcept;
   void share_tool_speed(const Reference& wanted) noexcept;
   bool elbow_is_clear(const Vector7& q) noexcept;
-  HeldBy meets(const ArmCapsules& arm, const Reference& reference, HeldBy before = HeldBy::kNothing) noexcept;
-  HeldBy meets(const ArmCapsules& arm, const Reference& reference, HeldBy before, bool soon) noexcept;
+  // What it did before, if anything, and whether it still turns away from that.
+  struct Before {
+    HeldBy met = HeldBy::kNothing;
+    bool turning = false;
+  };
+  HeldBy meets(const ArmCapsules& arm, const Reference& reference, const Before& before) noexcept;
+  HeldBy meets(const ArmCapsules& arm, const Reference& reference, const Before& before, bool soon) noexcept;
   void look_to_rest(const Reference& reference, bool soon) noexcept;
   Shares bearable() const noexcept;
   std::span<const Vector7> way_to_rest() const noexcept { return std::span(way_).first(places_); }
@@ -98,7 +103,6 @@ class MotionGate {
   Reference before_;
   bool robots_ = false;  // makes the joints of a pose itself
   HeldBy met_ = HeldBy::kNothing;  // what was in the way in the step before
-  bool turning_ = false;           // something was, and it does not rest yet
   bool unseen_ = false;  // since it was last looked to rest something has come, or the reference elsewhere
   bool soon_ = false;    // it comes to rest before what is in the way only if it brakes soon
   bool slowed_ = false;  // joints, since the tool would have been too fast, until they have caught up

@@ -10,6 +10,7 @@
 #include "realtime/controllers/integral.hpp"
 #include "realtime/controllers/joint_friction.hpp"
 #include "realtime/rotation.hpp"
+#include "realtime/shortened.hpp"
 #include "realtime/symmetric_eigen.hpp"
 
 namespace realtime {
@@ -50,11 +51,6 @@ void check(const Vector6& stiffness) {
     require_within("translational_stiffness", i, stiffness[i], 0, 3000, "N/m");
     require_within("rotational_stiffness", i, stiffness[3 + i], 0, 300, "N m/rad");
   }
-}
-
-Vector3 shortened(const Vector3& x, double length) {
-  const double norm = x.norm();
-  return norm > length ? Vector3(x * (length / norm)) : x;
 }
 
 double nullspace_damping(double stiffness, double inertia) {

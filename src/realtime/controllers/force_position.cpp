@@ -7,6 +7,7 @@
 #include "realtime/cholesky.hpp"
 #include "realtime/controllers/fastest_damping.hpp"
 #include "realtime/controllers/felt_wrench.hpp"
+#include "realtime/controllers/inertia_along.hpp"
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/rotation.hpp"
@@ -20,7 +21,6 @@ constexpr double kIntegral = 10;         // 1/s, of a force gain
 constexpr double kDamping = 1e-4;        // of J J^T
 constexpr double kTurning = 5;           // 1/m: rad/s for m/s
 constexpr double kNullspaceDamping = 5;  // N m s/rad
-constexpr double kLeastMobility = 1e-3;  // 1/kg, 1/(kg m²)
 // How far start() moves the reference, m and rad.
 constexpr double kMaxShift = 0.1, kMaxTurn = 0.5;
 
@@ -123,29 +123,26 @@ void ForcePosition::step(const Cycle& cycle, const Reference& reference, Vector7
 
   Vector6 force = Vector6::Zero(), missing = Vector6::Zero();
   const Cholesky<models::kJoints> M(cycle.model.mass());
-  const auto inertia_along = [&](int i) {
-    const Vector7 torque = J.row(i).transpose();
-    return 1 / std::max(torque.dot(M.solve(torque)), kLeastMobility);
-  };
+  const auto inertia = [&](int i) { return inertia_along(M, J.row(i).transpose()); };
   if (!all_position()) {
     const Vector6 felt = felt_wrench(cycle);
     for (int i = 0; i < 6; ++i) {
       if (S[i] == 1) continue;
-      const double inertia = inertia_along(i);
+      const double weight = inertia(i);
       const double gain = use_cartesian_gains_ ? gains[kForceCart + i] : 0;
       const double integral = kIntegral * (use_cartesian_gains_ ? gain : force_kps_joint.mean());
       const double v_max = (i < 3 ? 1 : kTurning) * max_speed_;
-      const double most = ForceServo::damping(inertia) * v_max;
+      const double most = ForceServo::damping(weight) * v_max;
       missing[i] = (1 - S[i]) * std::clamp(reference.wrench[i] - felt[i], -most, most);
       force[i] = (1 - S[i]) *
-                 servos_[i].step(reference.wrench[i], felt[i], v[i], v_max, inertia, gain, integral, cycle.dt);
+                 servos_[i].step(reference.wrench[i], felt[i], v[i], v_max, weight, gain, integral, cycle.dt);
     }
   }
 
   if (use_cartesian_gains_) {
     const auto K = gains.segment<6>(kPositionCart);
     Vector6 D = 2 * K.cwiseSqrt();
-    for (int i = 0; i < 6; ++i) D[i] = std::min(D[i], kFastestDamping * inertia_along(i));
+    for (int i = 0; i < 6; ++i) D[i] = std::min(D[i], kFastestDamping * inertia(i));
     force += S.cwiseProduct(K.cwiseProduct(e) + D.cwiseProduct(pose.velocity - v));
     const Vector7 moving_EE = J.transpose() * solver.solve(v);
     tau_J_d.noalias() = J.transpose() * force;

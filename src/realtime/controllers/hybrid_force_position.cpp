@@ -1,15 +1,12 @@
 #include "realtime/controllers/hybrid_force_position.hpp"
 
-#include <algorithm>
-
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
 #include "realtime/controllers/felt_wrench.hpp"
+#include "realtime/controllers/inertia_along.hpp"
 
 namespace realtime {
 namespace {
-
-constexpr double kLeastMobility = 1e-3;  // 1/kg, 1/(kg m²): next to a singularity EE weighs no more than this
 
 CartesianImpedance::Parameters motion(const HybridForcePosition::Parameters& parameters) {
   CartesianImpedance::Parameters out{parameters.translational_stiffness, parameters.rotational_stiffness,
@@ -73,9 +70,9 @@ void HybridForcePosition::step(const Cycle& cycle, const Reference& reference, V
     if (p.force_axes[i] == 0) continue;
     const Vector6 axis = motion_.in_base(cycle, Vector6::Unit(i));
     const Vector7 torque = J.transpose() * axis;
-    const double inertia = 1 / std::max(torque.dot(M.solve(torque)), kLeastMobility);
-    const double f = servos_[i].step(wanted[i], felt[i], v[i], i < 3 ? p.max_speed : p.max_turning_speed, inertia, p.gain,
-                                     p.integral_gain, cycle.dt);
+    const double v_max = i < 3 ? p.max_speed : p.max_turning_speed;
+    const double inertia = inertia_along(M, torque);
+    const double f = servos_[i].step(wanted[i], felt[i], v[i], v_max, inertia, p.gain, p.integral_gain, cycle.dt);
     tau_J_d += f * torque;
   }
 }

@@ -24,8 +24,7 @@ bool SelfGuard::clear(const ArmCapsules& arm, const Vector7& q, std::span<const 
   if (distance_ - longest >= clearance) return true;
   distance_at(arm, q);
   for (const Vector7& place : way) {
-    if (distance_ - way_between(place, seen_) >= clearance) continue;
-    if (distance_at(arm, place) >= clearance) continue;
+    if (distance_ - way_between(place, seen_) >= clearance || distance_at(arm, place) >= clearance) continue;
     if (!or_so || comes_nearer(arm, q, place, clearance, kRounding)) return false;
   }
   return true;

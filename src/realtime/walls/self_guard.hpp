@@ -11,8 +11,6 @@ namespace realtime {
 // at in each cycle, where it may have come near at all.
 class SelfGuard {
  public:
-  static constexpr double kTurnAround = 0.003;  // m more than kSelfClearance that a motion needs which has been held back
-
   // Whether the arm keeps that clearance (m) on that way of the joints (rad) from q on; `or_so`: or links that are nearer at q come
   // no nearer.
   bool clear(const ArmCapsules& arm, const Vector7& q, std::span<const Vector7> way, double clearance, bool or_so = true) noexcept;

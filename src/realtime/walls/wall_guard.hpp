@@ -37,7 +37,7 @@ struct Walls {
 class WallGuard {
  public:
   static constexpr double kClearance = 0.01;   // m from a wall, where motions end and a spring begins
-  static constexpr double kTurnAround = 0.003;  // m more that a motion needs which has been held back
+  static constexpr double kTurnAround = 0.003;  // m more, of walls or itself, that a motion needs which has been held back
   static constexpr int kMostOnWay = 12;
 
   WallGuard() = default;
