@@ -11,6 +11,7 @@ such a test is to be mended. Everything that a stage has started is ended with i
 Exit status: 0 when all passed.
 """
 
+import collections
 import ctypes
 import dataclasses
 import json
@@ -139,25 +140,37 @@ def last_lines(text: str, count: int = LAST_LINES) -> str:
 
 
 def read_junit(folder: Path) -> tuple[int, dict[str, str]]:
-    """The number of tests that ran, and what each failed one said, by name; a failure as well where none ran."""
+    """The number of tests that ran, and what each failed one said, by name; a failure as well where none ran.
+
+    Of a test that is in several files the name says in how many of them it failed.
+    """
     count, failed = 0, {}
+    runs, failures = collections.Counter(), collections.Counter()
     for file in sorted(folder.glob("*.xml")):
         try:
             cases = list(ElementTree.parse(file).iter("testcase"))
         except ElementTree.ParseError as error:
             failed[file.name] = f"not readable: {error}"
             continue
+        ran, wrong = set(), set()
         for case in cases:
             if case.find("skipped") is not None:
                 continue
             count += 1
-            wrong = [part for part in case if part.tag in ("failure", "error")]
-            if wrong or case.get("status") == "fail":
-                name = f"{case.get('classname', '')}.{case.get('name')}" if file.stem != "ctest" else case.get("name")
-                said = [f"{part.get('message') or ''}\n{part.text or ''}" for part in wrong]
+            name = f"{case.get('classname', '')}.{case.get('name')}" if file.stem[:5] != "ctest" else case.get("name")
+            ran.add(name)
+            parts = [part for part in case if part.tag in ("failure", "error")]
+            if parts or case.get("status") == "fail":
+                wrong.add(name)
+                said = [f"{part.get('message') or ''}\n{part.text or ''}" for part in parts]
                 said += [part.text or "" for part in case.iter("system-out")]
                 told = last_lines("\n".join(said))
                 failed[name] = f"{failed[name]}\n{told}" if name in failed else told  # pytest: its end, too, may be an error
+        runs.update(ran)
+        failures.update(wrong)
+    for name, times in failures.items():
+        if runs[name] > 1:
+            failed[f"{name} ({times} of {runs[name]} times)"] = failed.pop(name)
     if count == 0 and not failed and any(folder.glob("*.xml")):
         failed["no test"] = "nothing was run: is what chooses the tests right?"
     return count, failed

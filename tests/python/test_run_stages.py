@@ -35,7 +35,7 @@ MAKEFILE = """
 PASSED := <testcase classname="a" name="good"/>
 FAILED := <testcase classname="a" name="bad"><failure message="it is 3">and should be 4</failure></testcase>
 AHEAD   = echo $(1) > ahead.new && mv ahead.new ahead
-.PHONY: passes fails hangs leaves_behind counts luck whole_luck no_luck then_hangs chooses_none unreadable late waits tells
+.PHONY: passes fails hangs leaves_behind counts luck whole_luck no_luck then_hangs chooses_none often unreadable late waits tells
 passes: ; @echo fine
 fails: ; @echo 'no such wire' && false
 hangs: ; @echo $$$$ > pid && $(call AHEAD,1000) && exec sleep 1000
@@ -48,6 +48,7 @@ whole_luck: ; @echo try$(AGAIN) >> tries && test $$(wc -l < tries) = 2
 no_luck: ; @echo try >> tries && echo '<s>$(FAILED)$(PASSED)</s>' > $(JUNIT)/a.xml && false
 then_hangs: ; @$(if $(AGAIN),echo $$$$ > pid && $(call AHEAD,1000) && exec sleep 1000,echo '<s>$(FAILED)</s>' > $(JUNIT)/a.xml && false)
 chooses_none: ; @echo '<s></s>' > $(JUNIT)/a.xml
+often: ; @for i in 1 2 3; do echo '<s>$(PASSED)</s>' > $(JUNIT)/a-$$i.xml; done; echo '<s>$(subst bad,good,$(FAILED))</s>' > $(JUNIT)/a-2.xml; false
 unreadable: ; @echo '<s>' > $(JUNIT)/a.xml
 late: ; @$(call AHEAD,90)
 waits: ; @echo $$$$ > pid && exec sleep 1000
@@ -150,6 +151,11 @@ def test_junit_files_are_counted_without_what_was_skipped(stages):
     assert "it is 3\nand should be 4" in printed
     assert table(printed)["unreadable"] == (1, 1, "FAILED")
     assert last_line(printed) == "1 passed, 2 failed"
+
+
+def test_of_a_test_that_ran_more_than_once_it_says_how_often_it_failed(stages):
+    _, printed = stages.run("often")
+    assert "failed: often: a.good (1 of 3 times)" in printed
 
 
 def test_a_stage_that_hangs_is_ended_and_the_next_runs(stages):
