@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,11 @@ from frankapy.demonstration import Demonstration
 from frankapy.parts import InternalImpedance
 from frankapy.sim import SimulatedArm, Simulation, read_truth
 
-BUILD = Path(__file__).resolve().parent.parent / "build"
-PEER = ("movement-primitives==0.9.1", "numpy==2.4.6", "scipy==1.17.1", "pytransform3d==3.17.0")
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY / "tests" / "interop"))
+from peer import environment  # noqa: E402
+
+PEER = "movement-primitives", "0.9.1"
 PEER_SCRIPT = """
 import sys
 import numpy as np
@@ -58,15 +60,10 @@ def pouring(start: np.ndarray, rotation: np.ndarray) -> Demonstration:
 
 def peer_rms(demonstration: Demonstration) -> float:
     """Let the independent package learn the same positions."""
-    place = BUILD / "movement-primitives"
-    python = place / "bin" / "python"
-    if not python.exists():
-        venv.create(place, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-compile", *PEER], check=True)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "shown.npz"
         np.savez(file, times=demonstration.times, positions=demonstration.positions)
-        done = subprocess.run([python, "-c", PEER_SCRIPT, str(file)], capture_output=True, text=True, check=True)
+        done = subprocess.run([environment(*PEER), "-c", PEER_SCRIPT, str(file)], capture_output=True, text=True, check=True)
     return float(done.stdout.split()[-1])
 
 

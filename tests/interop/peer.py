@@ -12,6 +12,8 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+from frankapy.programs import die_with_parent
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 # Each program with everything that it needs:
 #   echo name==version | uv pip compile --universal --no-header --no-annotate --python-version 3.11 - -o name-version.txt
@@ -73,7 +75,8 @@ def environment(name: str, version: str) -> Path:
 def simulated_arm(fci_sim: str | Path, *options: str) -> Iterator[str]:
     """Run a simulated arm of its own on a free address, which is given when it is ready."""
     address = free_address()
-    with subprocess.Popen([fci_sim, "--listen", address, *options], stdout=subprocess.PIPE, text=True) as arm:
+    command = [fci_sim, "--listen", address, *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent) as arm:
         try:
             while "ready" not in arm.stdout.readline():
                 if arm.poll() is not None:

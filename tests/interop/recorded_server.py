@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
-from frankapy.sim import program
+from frankapy.programs import die_with_parent, program
 from peer import simulated_arm
 from wire_record import WireRecord
 
@@ -43,7 +43,7 @@ def recorded_server(
         config = Path(folder) / "arms.toml"
         config.write_text(f'[[arm]]\nname = "arm"\naddress = "{address}"\nlockstep = true\n{settings}')
         command = [server, "--config", config, "--port", "0", *server_options]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as process:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True, preexec_fn=die_with_parent) as process:
             try:
                 where = process.stdout.readline().split("tcp://")[1].strip()
                 yield RecordedServer(address, wire, where, process)

@@ -99,6 +99,34 @@ def test_a_key_that_the_server_does_not_know_is_refused_and_counted(arm, tmp_pat
         SensorPublisher("left", server=arm.server, key=tmp_path / "stranger.json")
 
 
+PORTS = {"endpoint": zmq.DEALER, "state_endpoint": zmq.SUB, "sensor_endpoint": zmq.PUSH}  # of an arm, and what knocks there
+SHAKEN = zmq.EVENT_HANDSHAKE_SUCCEEDED
+NOT_SHAKEN = zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+
+
+@pytest.mark.parametrize("port", PORTS)
+@pytest.mark.parametrize("who", ["reader", "stranger", "nobody"])
+def test_each_port_of_an_arm_takes_known_keys_alone(who, port, arm, tmp_path):
+    path = arm.key("reader")
+    if who == "stranger":
+        path = tmp_path / "stranger.json"
+        write_client_key(path, KeyFolder(arm.folder.path).add("stranger", "user"))
+        arm.folder.remove("stranger")
+    endpoint = getattr(list_arms(arm.server)[0], port)
+    context = zmq.Context()
+    knocking = context.socket(PORTS[port])
+    monitor = knocking.get_monitor_socket(SHAKEN | NOT_SHAKEN)
+    if who != "nobody":
+        find_key(path).use_for(knocking)
+    knocking.connect(endpoint)
+    try:
+        assert monitor.poll(30_000)
+        assert (recv_monitor_message(monitor)["event"] == SHAKEN) == (who == "reader")
+    finally:
+        knocking.disable_monitor()
+        context.destroy(linger=0)
+
+
 def test_a_key_for_another_server_gets_nowhere(arm, tmp_path):
     other = KeyFolder(tmp_path / "other")
     other.create()

@@ -264,3 +264,5 @@ def test_every_stage_is_a_target_that_make_knows(which):
     for target in listed.stdout.split():
         asked = subprocess.run(["make", "--dry-run", target], cwd=REPOSITORY, capture_output=True, text=True, check=False)
         assert asked.returncode == 0, asked.stderr
+        for room in re.findall(r"(\w+)_test\b", asked.stdout):
+            assert f"add_room_test({room} " in (REPOSITORY / "tests" / "CMakeLists.txt").read_text()

@@ -168,6 +168,25 @@ def test_a_way_through_a_wall_is_refused_with_the_place(walled):
     walled.goto_joints(LEFT, 2)
 
 
+def test_while_a_skill_runs_ways_through_walls_and_bad_walls_and_limits_are_refused_and_it_goes_on(walled):
+    walled.walls.add("glass", WALL)
+    walled.run(StayJoint(1), JointImpedance(), Never(), block=False)
+    running = walled.wait_for(lambda state: state.phase == proto.RUNNING).skill_id
+    for call, why in (
+        (lambda: walled.change(trajectory=MinJerkJoint(LEFT, 3)), r'MinJerkJoint: .*wall "glass" at \d+ % of its way'),
+        (lambda: walled.run(MinJerkJoint(LEFT, 3), preempt=True), r'MinJerkJoint: .*wall "glass" at \d+ % of its way'),
+        *((lambda case=case: REFUSED[case][0](walled), REFUSED[case][1]) for case in ("a negative size", "a mesh with a dent", "too many")),
+        (lambda: walled.limits.update(tool_speed=100), "tool_speed"),
+    ):
+        with pytest.raises(FrankaArmArgumentError, match=why):
+            call()
+    state = walled.get_arm_state()
+    assert (state.skill_id, state.phase) == (running, proto.RUNNING)
+    assert list(walled.walls) == ["glass"]
+    walled.stop_skill()
+    assert (walled.last_skill_result.ending, walled.last_skill_result.held_by) == (proto.STOPPED, 0)
+
+
 def test_a_way_is_checked_while_nothing_moves_and_by_whom_ever(walled, ideal_arm):
     walled.walls.add("glass", WALL)
     with ideal_arm.client() as other:
@@ -405,14 +424,21 @@ def test_the_command_line_turns_holds_and_keeps(ideal_arm, capsys, tmp_path):
     shown = walls("add", "fixture", "mesh", "--file", str(tmp_path / "cube.stl"), "--scale", "0.1", "--at", "0.5", "0", "-0.5")
     assert "mesh of 12 triangles at 0.5, 0, -0.5 m" in shown
     assert walls("remove", "fixture").strip() == "no walls"
+    assert "sphere 0.2 at 0, 2, 0 m" in walls("add", "ball", "sphere", "0.2", "--at", "0", "2", "0")
+    assert "cylinder 0.2 x 1 at 0, 2, 0 m" in walls("add", "ball", "cylinder", "0.2", "1", "--at", "0", "2", "0")
+    walls("add", "ball", "plane", "--normal", "0", "-3", "0", "--at", "0", "2", "0")
     walls("add", "ramp", "box", "1", "0.5", "0.1", "--at", "0.5", "0", "-0.5", "--turn", "0", "30", "90")
     shown = walls("add", "pen", "capsule", "0.005", "0.1", "--at", "0", "0", "0.05", "--held", "--keep")
     assert "box 1 x 0.5 x 0.1 at 0.5, 0, -0.5 m, turned 0 30 90 degrees" in shown
     assert "held, kept" in shown
     with ideal_arm.client() as fa:
-        assert list(fa.obstacles) == ["pen", "ramp"]
+        assert list(fa.obstacles) == ["ball", "pen", "ramp"]
+        behind = RigidTransform.rotation_from_quaternion(fa.walls["ball"].orientation)[:, 2]
+        np.testing.assert_allclose(behind, [0, -1, 0], atol=1e-6)
         # Its long edge, turned down by 30 degrees and then to the left.
         rotation = RigidTransform.rotation_from_quaternion(fa.walls["ramp"].orientation)
         np.testing.assert_allclose(rotation[:, 0], [0, np.cos(np.pi / 6), -0.5], atol=1e-6)
         np.testing.assert_allclose(fa.walls["pen"].position, [0, 0, 0.1034 + 0.05], atol=1e-6)
-    assert walls("remove", "pen", "ramp").strip() == "no walls"
+    assert main(["walls", "--server", ideal_arm.server, "add", "safe", "sphere", "0.2", "--protect"]) == 1
+    assert "role lab" in capsys.readouterr().err
+    assert walls("remove", "ball", "pen", "ramp").strip() == "no walls"

@@ -106,15 +106,26 @@ TEST(Config, OfOneRobotIsReadAsAFileIs) {
 
 TEST(Config, WallsAreOfTheirArm) {
   const Config config = parse_config(kArm + "[[arm.wall]]\nname = 'table'\nshape = 'box'\nsize = [1, 1, 0.1]\nposition = [0.5, 0, -0.05]\n"
-                                            "[[arm.wall]]\nname = 'tool'\nshape = 'capsule'\nradius = 0.02\nlength = 0\nheld = true\n",
+                                            "[[arm.wall]]\nname = 'tool'\nshape = 'capsule'\nradius = 0.02\nlength = 0\nheld = true\n"
+                                            "[[arm.wall]]\nname = 'floor'\nshape = 'plane'\n"
+                                            "[[arm.wall]]\nname = 'ball'\nshape = 'sphere'\nradius = 0.1\n"
+                                            "[[arm.wall]]\nname = 'post'\nshape = 'cylinder'\nradius = 0.1\nlength = 1\n"
+                                            "[[arm.wall]]\nname = 'wedge'\nshape = 'mesh'\n"
+                                            "corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
+                                            "triangles = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]\n",
                                      "arms.toml");
-  ASSERT_EQ(config.arms[0].walls.size(), 2u);
+  ASSERT_EQ(config.arms[0].walls.size(), 6u);
   const auto& table = config.arms[0].walls[0];
   EXPECT_EQ(table.name(), "table");
   EXPECT_EQ(table.box().size(2), 0.1);
   EXPECT_EQ(table.position(0), 0.5);
   EXPECT_EQ(table.orientation(0), 1);
   EXPECT_TRUE(config.arms[0].walls[1].held());
+  EXPECT_TRUE(config.arms[0].walls[2].has_plane());
+  EXPECT_EQ(config.arms[0].walls[3].sphere().radius(), 0.1);
+  EXPECT_EQ(config.arms[0].walls[4].cylinder().length(), 1);
+  EXPECT_EQ(config.arms[0].walls[5].mesh().corners_size(), 12);
+  EXPECT_EQ(config.arms[0].walls[5].mesh().triangles_size(), 12);
 }
 
 struct Bad {
