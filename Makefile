@@ -183,7 +183,7 @@ ROOMS_tsan := robot server
 ROOMS_asan-all := wire models realtime parts robot server sim
 ROOMS_tsan-all := $(ROOMS_asan-all)
 # Laws over long motions, whose code shorter tests run too: by the nightly ones only.
-LONG_asan := whatever_(pose_)?is_asked_for|next_to_|many_walls_|OutOfReach|PushedArm|PulledArm|SprungArm
+LONG_asan := whatever_(pose_)?is_asked_for|next_to_|many_walls_|OutOfReach|PushedArm|PulledArm|SprungArm|StretchedArm|FoldedArm\.(keeps_from|comes|rests)|an_arm_that_swings
 
 asan asan-all tsan tsan-all: FOLDER = $(BUILD)/$(@:-all=)
 asan asan-all: $(BUILD)/asan/build.ninja
