@@ -12,7 +12,7 @@ from peer import NOT_INSTALLED, REPOSITORY, Result, free_address, run_installed
 from world import World
 
 SCRIPTS = REPOSITORY / "tests" / "interop" / "clients"
-MODES = {"real time": [], "lockstep": ["--lockstep", "--patience", "2"]}
+MODES = {"real time": [], "lockstep": ["--lockstep"]}
 TABLE = REPOSITORY / "docs" / "clients.md"
 TIME = 240  # s for all that one program tries
 

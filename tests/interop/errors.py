@@ -46,7 +46,7 @@ def try_client(peer: str, python: Path, script: str, robot: str, program: Path) 
     """Start an arm, and let the client provoke one error after the other."""
     address = free_address()
     arm = subprocess.Popen(
-        [program, "--robot", robot, "--listen", address, "--lockstep", "--patience", "2"], stdout=subprocess.PIPE, text=True
+        [program, "--robot", robot, "--listen", address, "--lockstep"], stdout=subprocess.PIPE, text=True
     )
     try:
         arm.stdout.readline()  # the line that says it is ready

@@ -41,7 +41,7 @@ def try_client(client: tuple[str, str, str, str, str], pinocchio: Path, build: P
     """Start an arm, and compare what the client says of it with Pinocchio."""
     name, version, script, robot, what = client
     address = free_address()
-    command = [build / "bin" / "fci-sim", "--robot", robot, "--listen", address, "--lockstep", "--patience", "2"]
+    command = [build / "bin" / "fci-sim", "--robot", robot, "--listen", address, "--lockstep"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as arm:
         arm.stdout.readline()  # the line that says it is ready
         try:

@@ -7,9 +7,9 @@
 #include "realtime/cholesky.hpp"
 #include "realtime/controllers/fastest_damping.hpp"
 #include "realtime/controllers/felt_wrench.hpp"
-#include "realtime/controllers/inertia_along.hpp"
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
+#include "realtime/inertia_along.hpp"
 #include "realtime/rotation.hpp"
 
 namespace realtime {

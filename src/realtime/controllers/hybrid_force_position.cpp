@@ -3,7 +3,7 @@
 #include "realtime/check.hpp"
 #include "realtime/cholesky.hpp"
 #include "realtime/controllers/felt_wrench.hpp"
-#include "realtime/controllers/inertia_along.hpp"
+#include "realtime/inertia_along.hpp"
 
 namespace realtime {
 namespace {
