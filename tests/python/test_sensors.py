@@ -51,7 +51,7 @@ GO_ON = proto.ShouldTerminateSensorMessage(timestamp=0, should_terminate=False)
 
 def run_after(fa, seconds: float, *parts) -> float:
     """Start a skill that begins so much later, or later still where this computer takes too long to say so; return when."""
-    for patience in (1, 10, 60):
+    for patience in (1, 5, 25):
         at = time.time() + patience * seconds
         try:
             fa.run(*parts, start_time=at, block=False)
