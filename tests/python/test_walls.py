@@ -433,8 +433,8 @@ def test_the_command_line_turns_holds_and_keeps(ideal_arm, capsys, tmp_path):
     assert "held, kept" in shown
     with ideal_arm.client() as fa:
         assert list(fa.obstacles) == ["ball", "pen", "ramp"]
-        behind = RigidTransform.rotation_from_quaternion(fa.walls["ball"].orientation)[:, 2]
-        np.testing.assert_allclose(behind, [0, -1, 0], atol=1e-6)
+        normal = RigidTransform.rotation_from_quaternion(fa.walls["ball"].orientation)[:, 2]
+        np.testing.assert_allclose(normal, [0, -1, 0], atol=1e-6)
         # Its long edge, turned down by 30 degrees and then to the left.
         rotation = RigidTransform.rotation_from_quaternion(fa.walls["ramp"].orientation)
         np.testing.assert_allclose(rotation[:, 0], [0, np.cos(np.pi / 6), -0.5], atol=1e-6)
