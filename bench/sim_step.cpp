@@ -62,7 +62,7 @@ int main() {
   sim::Poller poller(clock);
   sim::World world({.arm = &arm, .more_arms = {}, .scene = REPOSITORY_DIR "/sim/scenes/table_with_blocks.xml"});
   sim::Robot robot(arm);
-  sim::Gripper gripper;
+  sim::Gripper gripper(world.truth().finger);
   auto server = std::make_unique<sim::RobotServer>(arm, sim::parse_address(address), std::nullopt, "", robot, poller);
   robot.sense(world.truth());
   gripper.move({.width = 0, .speed = 0.1});

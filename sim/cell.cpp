@@ -24,8 +24,9 @@ World::Options world_options(const Cell::Options& options) {
 
 }  // namespace
 
-Cell::Station::Station(const Options& options, std::size_t index, Poller& poller)
+Cell::Station::Station(const Options& options, std::size_t index, const std::array<double, 2>& finger, Poller& poller)
     : robot(*options.arms[index].model, options.ideal, options.seed + index),
+      gripper(finger),
       robot_server(*options.arms[index].model, options.arms[index].address, options.version,
                    options.arms[index].wire, robot, poller),
       gripper_server(options.arms[index].address, gripper, poller) {}
@@ -40,7 +41,7 @@ Cell::Cell(const Options& options, Clock& clock)
       stopped_(&kNever),
       time_(options.time) {
   for (std::size_t i = 0; i < options.arms.size(); ++i) {
-    Station& station = *stations_.emplace_back(std::make_unique<Station>(options, i, poller_));
+    Station& station = *stations_.emplace_back(std::make_unique<Station>(options, i, world_.truth(i).finger, poller_));
     if (!options.arms[i].truth.empty()) station.truth.emplace(options.arms[i].truth, world_);
     station.robot.sense(world_.truth(i));
   }
@@ -135,8 +136,9 @@ void Cell::receive_commands() {
   const bool came = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
     return station->command || station->robot.awaits_command();
   });
-  // Otherwise the motion was stopped, or its client has gone: from here on time is the wall's again.
-  came ? pace_.restart() : keep_pace();
+  pace_.restart();  // this computer was not late
+  // The motion was stopped, or its client has gone: from here on time is the wall's again.
+  if (!came) keep_pace();
 }
 
 // Of arms that have none yet.
@@ -197,6 +199,7 @@ void Cell::set_time(Time time) {
 
 void Cell::step(std::uint64_t cycles) {
   if (time_ == Time::kRuns) throw std::runtime_error("time runs: pause it before single cycles are asked for");
+  if (steps_ > 0) throw std::runtime_error(std::to_string(steps_) + " cycles that were asked for are still to come: wait until they are over");
   steps_ = cycles;
 }
 

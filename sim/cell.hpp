@@ -83,7 +83,7 @@ class Cell {
  private:
   // An arm at its address.
   struct Station {
-    Station(const Options& options, std::size_t index, Poller& poller);
+    Station(const Options& options, std::size_t index, const std::array<double, 2>& finger, Poller& poller);
 
     Robot robot;
     Gripper gripper;

@@ -54,8 +54,14 @@ std::string file_of(const std::string& first, std::size_t n) {
 
 // Arms that share a scene are one cell; otherwise each has a copy of the scene, and a cell of its own.
 std::vector<sim::Cell::Options> cells(const Options& options) {
-  const std::size_t places = sim::arms_in_scene(options.scene);
-  std::size_t count = std::max<std::size_t>(options.arms, options.robots.size());
+  if (std::isnan(options.speed)) throw std::runtime_error("--speed is nan: expected 0.01 to 20");
+  if (std::isnan(options.patience)) throw std::runtime_error("--patience is nan: expected 0.01 to 10 s");
+  const std::size_t places = sim::arms_in_scene(options.scene), named = options.robots.size();
+  std::size_t count = std::max<std::size_t>(options.arms, named);
+  if (count > std::size_t{kMaxArms} || (options.arms != 0 && named > count)) {
+    throw std::runtime_error("--robot names " + std::to_string(named) + " robots: expected at most " +
+                             std::to_string(options.arms != 0 ? options.arms : kMaxArms));
+  }
   if (places > 1) {
     if (options.arms == 0) count = std::max(count, places);
     if (count != places) {

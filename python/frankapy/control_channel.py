@@ -321,8 +321,8 @@ class ControlChannel:
     def restore(self, moment: int) -> None:
         """Go back to a moment that was saved.
 
-        The robot's clients do not go back with it; their connections, the robot's message_id, Truth.cycle and frictions go
-        on. So a moment that was saved while no motion ran is restored while none runs (`fa.stop_skill()` ends what the
+        The robot's clients do not go back with it; their connections, the robot's message_id and Truth.cycle go on.
+        So a moment that was saved while no motion ran is restored while none runs (`fa.stop_skill()` ends what the
         server holds), and one that was saved within a motion while that same motion runs. Its client gets the state of the
         moment and has to go on from there: a law that follows from the state does; where the client has moved on by itself,
         as the server does, that is a discontinuity as on the robot. When objects were added since, the moment is refused.

@@ -31,15 +31,13 @@ Port::Header GripperServer::read_header(std::span<const std::byte> bytes) const 
 
 bool GripperServer::connect(Connection& newcomer, std::uint32_t id, std::uint16_t version, std::uint16_t udp_port) {
   const bool spoken = version == wire::kVersion;
+  if (spoken && !connect_udp(udp_.fd(), newcomer.peer(), udp_port)) return false;
   std::array<std::byte, wire::kHeaderSize + 4> message;
   fci::write(kAnyVersion, wire::Header{Command::kConnect, id, message.size()}, message);
   const auto status = spoken ? wire::ConnectStatus::kSuccess : wire::ConnectStatus::kIncompatibleLibraryVersion;
   fci::write(kAnyVersion, wire::ConnectResponse{status, wire::kVersion}, std::span(message).subspan(wire::kHeaderSize));
   newcomer.send(message);
   if (!spoken) return false;
-  sockaddr_in states = newcomer.peer();
-  states.sin_port = htons(udp_port);
-  ::connect(udp_.fd(), reinterpret_cast<const sockaddr*>(&states), sizeof states);
   cycle_ = 0;
   return true;
 }

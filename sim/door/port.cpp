@@ -3,6 +3,8 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
 
 #include "wire/fci/service.hpp"
 
@@ -13,6 +15,17 @@ constexpr std::int64_t kPatience = 1'000'000'000;  // ns, for the rest of a mess
 constexpr std::size_t kMaxWaiting = 8;             // connections that have not said Connect
 
 }  // namespace
+
+bool Port::connect_udp(int fd, sockaddr_in client, std::uint16_t port) {
+  // A socket that was bound to all addresses would keep the one from which its first client was reached.
+  sockaddr nobody{};
+  nobody.sa_family = AF_UNSPEC;
+  ::connect(fd, &nobody, sizeof nobody);
+  client.sin_port = htons(port);
+  if (::connect(fd, reinterpret_cast<const sockaddr*>(&client), sizeof client) == 0) return true;
+  spdlog::warn("a client's port {} for states cannot be reached: {}", port, std::strerror(errno));
+  return false;
+}
 
 Port::Port(const char* title, const in_addr& address, std::uint16_t port, std::size_t header_size,
            std::size_t max_size, Poller& poller)

@@ -39,6 +39,9 @@ class Port {
   virtual bool handle(const Header& header, std::span<const std::byte> body) = 0;
   virtual void gone() = 0;
 
+  // Lets a UDP socket speak with that client alone; false where it cannot reach it.
+  static bool connect_udp(int fd, sockaddr_in client, std::uint16_t port);
+
   bool connected() const { return client_.has_value(); }
   Connection& client() { return *client_; }
 

@@ -47,6 +47,7 @@ Port::Header RobotServer::read_header(std::span<const std::byte> bytes) const {
 bool RobotServer::connect(Connection& newcomer, std::uint32_t id, std::uint16_t version, std::uint16_t udp_port) {
   const fci::Version answered = only_ ? *only_ : std::clamp(version, arm_.oldest_version, arm_.newest_version);
   const bool spoken = answered == version;
+  if (spoken && !connect_udp(udp_.fd(), newcomer.peer(), udp_port)) return false;
   const Status status = spoken ? Status::kSuccess : Status::kIncompatibleLibraryVersion;
   std::array<std::byte, fci::kHeaderSize + 3> message;
   fci::write(answered, fci::Header{0, id, message.size()}, message);
@@ -61,12 +62,10 @@ bool RobotServer::connect(Connection& newcomer, std::uint32_t id, std::uint16_t 
   refused_datagram_ = false;
   sent_.clear();
   robot_.set_version(version);
-  // From now on the socket takes datagrams of this client only; what others left in it is dropped.
   sockaddr_in states = newcomer.peer();
   states.sin_port = htons(udp_port);
-  ::connect(udp_.fd(), reinterpret_cast<const sockaddr*>(&states), sizeof states);
   if (wire_) wire_->set_client(states);
-  drop_datagrams();
+  drop_datagrams();  // that others have left in the socket
   return true;
 }
 

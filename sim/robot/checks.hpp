@@ -77,8 +77,8 @@ class Checks {
   SelfCollision self_;
   VirtualWalls walls_;
   const models::Limits* limits_;
-  // What a state of float32 takes from positions: half a unit in the last place of angles up to 4 rad and of
-  // coordinates up to 1 m. Commands that continue the state are off by as much. rad, m.
+  // What a state of float32 takes from positions: half a unit in the last place of angles up to 4 rad, and of
+  // places up to 2 m. Commands that continue the state are off by as much. rad, m.
   double q_rounding_ = 0, p_rounding_ = 0;
   bool begins_beside_ = false;
   // What commanded joints outside their range are called, in joint and in Cartesian motions.

@@ -33,7 +33,11 @@ constexpr double kWarmingTime = 900;  // s
 
 }  // namespace
 
-Gripper::Gripper() : force_(kMaxForce), temperature_(kTemperature) {}
+Gripper::Gripper(const std::array<double, 2>& finger)
+    : goal_((finger[0] + finger[1]) / 2), reference_(goal_), force_(kMaxForce), temperature_(kTemperature), before_(finger) {
+  state_.width = std::max(0.0, 2 * goal_);
+  state_.temperature = static_cast<std::uint16_t>(std::lround(kTemperature));
+}
 
 void Gripper::home() { begin(Task::kHome, kMaxWidth + 2 * kHomingForce / kStiffness, kHomingSpeed, kHomingForce); }
 
@@ -57,7 +61,7 @@ void Gripper::grasp(const fci::gripper::Grasp& request) {
 
 void Gripper::stop() {
   goal_ = reference_ = state_.width / 2;
-  gripping_ = false;
+  gripping_ = state_.is_grasped = false;
   task_ = Task::kHold;
 }
 
@@ -83,11 +87,6 @@ void Gripper::end(Status outcome) {
 }
 
 std::array<double, 2> Gripper::control(const std::array<double, 2>& finger) {
-  if (!seen_) {
-    before_ = finger;
-    goal_ = reference_ = (finger[0] + finger[1]) / 2;
-    seen_ = true;
-  }
   const std::array<double, 2> velocity = {(finger[0] - before_[0]) / kDt, (finger[1] - before_[1]) / kDt};
   before_ = finger;
   const double x = (finger[0] + finger[1]) / 2, v = (velocity[0] + velocity[1]) / 2;

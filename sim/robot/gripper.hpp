@@ -13,7 +13,8 @@ class Gripper {
  public:
   using Status = fci::gripper::Status;
 
-  Gripper();
+  // With its fingers opened so far, m each.
+  explicit Gripper(const std::array<double, 2>& finger);
 
   // Begin; an outcome (kFail: no value, or none that the hand can do) ends it. What was under way is aborted by the
   // caller.
@@ -42,14 +43,13 @@ class Gripper {
   fci::gripper::Grasp grasp_;
   std::optional<Status> outcome_;
   bool gripping_ = false;    // a grasp has ended well
-  double goal_ = 0;          // of the reference, m for each finger
-  double reference_ = 0;     // m for each finger
+  double goal_;              // of the reference, m for each finger
+  double reference_;         // m for each finger
   double speed_ = 0;         // of the reference, m/s
   double force_;             // bound, N
   double temperature_;       // °C
   int still_ = 0;            // cycles in which the fingers have not moved
-  std::array<double, 2> before_{};
-  bool seen_ = false;
+  std::array<double, 2> before_;  // m, opened so far
   fci::gripper::State state_;
 };
 

@@ -1,8 +1,5 @@
 #include "sim/robot/guiding.hpp"
 
-#include <Eigen/Cholesky>
-#include <cmath>
-
 #include "sim/robot/rotation.hpp"
 
 namespace sim {

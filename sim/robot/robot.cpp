@@ -32,8 +32,7 @@ constexpr double kPeakTorque = 1.5;     // of tau_max: what the motors have in r
 }  // namespace
 
 Robot::Robot(const models::Arm& arm, bool ideal, std::uint64_t seed)
-    : arm_(arm),
-      checks_(arm),
+    : checks_(arm),
       model_(arm),
       desired_model_(arm),
       generator_(arm),
@@ -124,7 +123,8 @@ std::optional<Status> Robot::why_not_now() const {
 Status Robot::recover() {
   if (phase_ != Phase::kReflex) {
     if (phase_ == Phase::kIdle) clear_errors();  // collisions that were felt while nothing guarded the arm
-    return why_not_now().value_or(recovered_ = Status::kSuccess);
+    if (const auto refusal = why_not_now()) return *refusal;
+    return recovered_ = Status::kSuccess;
   }
   if (!checks_.inside_range(sensors_.q)) return Status::kManualErrorRecoveryRequired;
   phase_ = Phase::kRecovering;
@@ -168,14 +168,20 @@ void Robot::obey_stops() {
 }
 
 void Robot::guide(bool pressed) {
-  if (pressed && phase_ == Phase::kHalted && user_stop_ && !locked_ && desired_.dq.isZero(0)) {
-    guiding_.start(settings_.guiding, model_, F_T_EE_, sensors_.q);
-    phase_ = Phase::kGuiding;
-  } else if (!pressed && phase_ == Phase::kGuiding) {
+  guide_ = pressed;
+  obey_guiding();
+  if (!pressed && phase_ == Phase::kGuiding) {
     holding_ = ControllerMode::kJointImpedance;
     rest_at(sensors_.q);
     phase_ = Phase::kHalted;
   }
+}
+
+// Into kGuiding, once the arm rests.
+void Robot::obey_guiding() {
+  if (!guide_ || phase_ != Phase::kHalted || !user_stop_ || locked_ || !desired_.dq.isZero(0)) return;
+  guiding_.start(settings_.guiding, model_, F_T_EE_, sensors_.q);
+  phase_ = Phase::kGuiding;
 }
 
 void Robot::inject(Error error) { reflex(error); }
@@ -236,6 +242,7 @@ void Robot::advance_phase(const fci::RobotCommand* command) {
         phase_ = fci::any(state_.errors) ? Phase::kReflex : Phase::kIdle;
         desired_.ddq.setZero();
       }
+      obey_guiding();
       break;
     case Phase::kGuiding: rest_at(sensors_.q); break;
     case Phase::kIdle: break;

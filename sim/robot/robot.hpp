@@ -69,7 +69,7 @@ class Robot {
   void enabling_device(bool held);
   // Brakes of the joints closed, as after power-on; no more than asking for it while something moves.
   void lock(bool locked);
-  // The guiding buttons at the hand. They take effect while the user stop is pressed, as on the robot.
+  // The guiding buttons at the hand. They take effect while the user stop is pressed and once the arm rests, as on the robot.
   void guide(bool pressed);
   // What is set up in the robot's own user interface: cuboids that the arm must not enter, by a number of theirs.
   void set_virtual_wall(int id, const VirtualWall& wall) { checks_.walls().set(id, wall); }
@@ -140,6 +140,7 @@ class Robot {
   bool reflex(const fci::Errors& errors);
   std::optional<fci::Status> why_not_now() const;
   void obey_stops();
+  void obey_guiding();
   void react();
   void clear_errors();
   void rest_at(const Vector& q);
@@ -149,7 +150,6 @@ class Robot {
   void configure();
   void report();
 
-  const models::Arm& arm_;
   fci::Version version_ = fci::kNewestVersion;
   Checks checks_;
   ArmModel model_;          // at the measured joints
@@ -166,7 +166,7 @@ class Robot {
   std::optional<fci::Status> outcome_;
   int recovery_ = 0;  // cycles left
   fci::Status recovered_ = fci::Status::kSuccess;
-  bool user_stop_ = false, enabled_ = true, locked_ = false;
+  bool user_stop_ = false, enabled_ = true, locked_ = false, guide_ = false;
   fci::ControllerMode holding_ = fci::ControllerMode::kJointImpedance;  // the law while nothing moves
   MotionGenerator::Desired desired_;
   fci::RobotCommand last_command_;

@@ -210,6 +210,7 @@ World::World(const Options& options) : impl_(std::make_unique<Impl>()) {
     mju_copy(limb.base_R.data(), w.data->xmat + 9 * limb.bodies[0], 9);
     w.read_joints(limb);
     w.read_pose(limb);
+    for (int i = 0; i < 7; ++i) limb.truth.tau_motor[i] = limb.truth.tau_J[i] = w.data->qfrc_bias[limb.dq_at[i]];  // it hangs from them
   }
 }
 

@@ -113,7 +113,7 @@ class World {
   void pull(const VirtualHand& hand, double duration, std::size_t arm = 0, const Hold& at = {});
   // Puts a free body there, at rest. Throws std::runtime_error which names those that there are.
   void move_object(const std::string& name, const std::array<double, 7>& pose, std::size_t arm = 0);
-  // Takes some ten milliseconds. Throws std::runtime_error when it cannot be.
+  // Takes some 0.1 s. Throws std::runtime_error when it cannot be.
   void add_object(const Object& object, std::size_t arm = 0);
   // Sliding friction of a body's or geom's contacts with anything. Throws std::runtime_error for an unknown name.
   void set_friction(const std::string& name, double friction);

@@ -156,7 +156,7 @@ class Arm {
   sim::WallClock clock_;
   sim::Poller poller_{clock_};
   sim::Robot robot_{model_};
-  sim::Gripper gripper_;
+  sim::Gripper gripper_{world_.truth().finger};
   std::string address_;
   std::unique_ptr<sim::RobotServer> robot_server_;
   std::unique_ptr<sim::GripperServer> gripper_server_;

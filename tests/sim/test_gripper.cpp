@@ -189,7 +189,7 @@ TEST(Gripper, OpensSlowlyWhatItHasHeldStrongly) {
 // The data sheet's 140 N are not for ever; its 70 N are.
 TEST(Gripper, PressesHardUntilItIsWarm) {
   const std::array<double, 2> held = {0.02, 0.02};
-  sim::Gripper gripper;
+  sim::Gripper gripper(held);
   const auto press = [&](double force, int seconds) {
     std::array<double, 2> forces = gripper.control(held);
     gripper.grasp({0.04, 0.005, 0.005, 0.1, force});
@@ -202,8 +202,7 @@ TEST(Gripper, PressesHardUntilItIsWarm) {
   EXPECT_NEAR(press(140, 60), 70, 0.1);
   EXPECT_NEAR(press(40, 60), 40, 0.1);
   EXPECT_NEAR(press(140, 5), 140, 0.1);  // cooler again
-  sim::Gripper patient;
-  patient.control(held);
+  sim::Gripper patient(held);
   patient.grasp({0.04, 0.005, 0.005, 0.1, 70});
   for (int i = 0; i < 1000 * 3600; ++i) ASSERT_GT(-patient.control(held)[1], i < 1000 ? -1 : 69.9);
 }

@@ -145,7 +145,9 @@ SimulationReply ControlCalls::answer(SimulationCall& call) {
             case proto::PressButton::ENABLING_DEVICE: return robot.enabling_device(pressed);
             case proto::PressButton::GUIDING: return robot.guide(pressed);
             case proto::PressButton::JOINT_LOCK:
-              if (pressed && robot.moving()) refuse("the arm moves: its joints are locked when it rests");
+              if (pressed && (robot.moving() || robot.state().robot_mode == fci::RobotMode::kGuiding)) {
+                refuse("the arm moves, or is being guided: its joints are locked when it rests");
+              }
               return robot.lock(pressed);
           }
         });
