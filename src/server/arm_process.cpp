@@ -101,11 +101,17 @@ class ArmProcess {
     spdlog::info("requests at {}, states at {}", transport_.endpoint(), publisher_.endpoint());
     realtime_ = prepare_process();
     std::thread transport([this] { transport_.run(transport_quit_); });
-    std::thread robot([this] { keep_connected(); });
+    std::promise<void> ended;
+    std::thread robot([this, &ended] {
+      keep_connected();
+      ended.set_value();
+    });
     watch();
     quit_ = true;
     door_.quit = true;
     changed_.notify_all();
+    const auto end = ended.get_future();
+    while (end.wait_for(kHeartbeat) != std::future_status::ready) report();  // it brakes, and does not hang
     robot.join();
     transport_quit_ = true;
     transport.join();

@@ -17,6 +17,9 @@ class ClockEstimate {
     std::int64_t in_future = 0;  // by how much, ns, where its time is not believed
   };
 
+  // Whether it can be one: others are not taken.
+  static bool is_time(std::int64_t ns) { return ns >= 0 && ns <= 4'000'000'000'000'000'000; }  // of this century
+
   // A message of this time that came `now`. `shortest`: what the sender knows of its way; 0: nothing.
   Way take(std::int64_t sent, std::int64_t now, std::int64_t shortest) {
     const std::int64_t before = sent - now;

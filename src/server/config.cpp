@@ -119,10 +119,8 @@ class Table {
 void read_server(const toml::table& node, const std::string& source, Config& config) {
   Table table(node, source, "server");
   if (const auto* listen = table.find("listen")) {
-    const std::string expected = "an IPv4 address of this computer, such as \"127.0.0.1\" or \"0.0.0.0\"";
-    config.listen = table.text(*listen, "listen", expected);
-    in_addr address;
-    if (inet_pton(AF_INET, config.listen.c_str(), &address) != 1) table.refuse(*listen, "listen", expected);
+    config.listen = table.text(*listen, "listen", kListenExpected);
+    if (!is_address(config.listen)) table.refuse(*listen, "listen", kListenExpected);
   }
   if (const auto* port = table.find("port")) {
     const std::string expected = "a whole number, 0 to 65535";
@@ -357,7 +355,8 @@ ArmConfig read_arm(const toml::table& node, const std::string& source) {
     std::string known = "\"auto\"";
     for (const auto& each : models::arms()) known += fmt::format(", \"{}\"", each.name);
     arm.model = table.text(*model, "model", "one of " + known);
-    if (known.find("\"" + arm.model + "\"") == std::string::npos) table.refuse(*model, "model", "one of " + known);
+    const auto is_its = [&](const models::Arm& each) { return each.name == arm.model; };
+    if (arm.model != "auto" && std::ranges::none_of(models::arms(), is_its)) table.refuse(*model, "model", "one of " + known);
   }
   if (const auto* gripper = table.find("gripper")) arm.gripper = table.boolean(*gripper, "gripper");
   if (const auto* hold = table.find("hold_time")) {
@@ -396,6 +395,11 @@ ArmConfig read_arm(const toml::table& node, const std::string& source) {
 }
 
 }  // namespace
+
+bool is_address(const std::string& listen) {
+  in_addr address;
+  return inet_pton(AF_INET, listen.c_str(), &address) == 1;
+}
 
 Config parse_config(const std::string& text, const std::string& source) {
   toml::table root;

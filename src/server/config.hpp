@@ -13,6 +13,10 @@
 
 namespace server {
 
+// What a server may listen on.
+bool is_address(const std::string& listen);
+constexpr const char* kListenExpected = "an IPv4 address of this computer, such as \"127.0.0.1\" or \"0.0.0.0\"";
+
 // The most that clients may ask for.
 struct LimitsConfig {
   double velocity = 1, acceleration = 1, jerk = 1, torque = 1;  // of the robot's own

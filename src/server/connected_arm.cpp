@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "models/arm.hpp"
+#include "server/kept.hpp"
 #include "server/refused.hpp"
 
 namespace server {
@@ -61,6 +62,13 @@ void ConnectedArm::change(const proto::ChangeWalls& change, const Keys::Client& 
   const std::lock_guard lock(mutex_);
   walls_.change(change, who);
   hand_on_walls();
+}
+
+std::function<void()> ConnectedArm::keeping(const proto::ChangeWalls& change, const Keys::Client& who) const {
+  const std::lock_guard lock(mutex_);
+  const auto keep = walls_.kept_after(change, who);
+  if (!keep) return nullptr;
+  return [file = walls_.file(), keep = *keep] { save(file, keep); };
 }
 
 void ConnectedArm::change(const proto::ChangeLimits& change) {

@@ -2,6 +2,7 @@
 
 #include <condition_variable>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -48,6 +49,9 @@ class ConnectedArm {
   // Nothing is left of what was connected.
   void settle();
 
+  // What is to be done before this change of walls, where some are to be kept otherwise than now: as WallStore::kept_after(). For
+  // any thread.
+  std::function<void()> keeping(const frankapy::proto::ChangeWalls& change, const Keys::Client& who) const;
   // As WallStore and LimitStore; what comes of it is handed on.
   void change(const frankapy::proto::ChangeWalls& change, const Keys::Client& who);
   void change(const frankapy::proto::ChangeLimits& change);

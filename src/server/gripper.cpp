@@ -78,7 +78,7 @@ void Gripper::keep_connected() {
         client = std::make_shared<robot::GripperClient>(address_);
         spdlog::info("hand: connected");
         told = false;
-      } catch (const robot::ConnectError& error) {
+      } catch (const std::exception& error) {  // nobody there, or no room for another thread
         why_not = error.what();
         if (!told) spdlog::info("hand: {}", why_not);
         told = true;

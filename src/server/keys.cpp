@@ -45,6 +45,7 @@ void read(const std::filesystem::path& path, mode_t forbidden, google::protobuf:
     throw ConfigError(fmt::format("{}: belongs to another user (number {}): expected this one, or root", path.string(), status.st_uid));
   }
   std::ifstream file(path);
+  if (!file) throw ConfigError(fmt::format("{}: cannot be read: {}", path.string(), std::strerror(errno)));
   const std::string text(std::istreambuf_iterator<char>(file), {});
   if (!file || !google::protobuf::util::JsonStringToMessage(text, &message).ok()) {
     throw ConfigError(fmt::format("{}: cannot be read as a {}: expected a file that `frankapy keys` has written", path.string(),
@@ -65,8 +66,8 @@ void require_own(const std::filesystem::path& folder) {
 std::string version_of(const std::filesystem::path& path) {
   struct stat status {};
   if (stat(path.c_str(), &status) != 0) return "";
-  return fmt::format("{} {} {} {}.{} {:o}", status.st_dev, status.st_ino, status.st_size, status.st_mtim.tv_sec,
-                     status.st_mtim.tv_nsec, status.st_mode);
+  // ctime: whose it is may change alone.
+  return fmt::format("{} {} {}.{}", status.st_dev, status.st_ino, status.st_ctim.tv_sec, status.st_ctim.tv_nsec);
 }
 
 bool is_this_computer(const std::string& listen) {

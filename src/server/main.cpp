@@ -71,7 +71,10 @@ int main(int argc, char** argv) {
     const std::string toml = config_file.empty() ? server::config_of_robot(robot, gripper)
                                                  : server::read_config_file(config_file);
     auto config = server::parse_config(toml, config_file.empty() ? "command line" : config_file);
-    if (!listen.empty()) config.listen = listen;
+    if (!listen.empty()) {
+      if (!server::is_address(listen)) throw server::ConfigError("--listen is \"" + listen + "\": expected " + server::kListenExpected);
+      config.listen = listen;
+    }
     if (port >= 0) config.port = static_cast<std::uint16_t>(port);
     choose_recordings(config);
     if (!keys.empty()) config.keys = std::filesystem::absolute(keys);
@@ -80,6 +83,7 @@ int main(int argc, char** argv) {
     const auto folder = std::filesystem::absolute(std::filesystem::path(config_file).parent_path() / ".");
     for (const auto& path : config.load) load.push_back((folder / path).lexically_normal());
     if (!config.keys.empty()) config.keys = (folder / config.keys).lexically_normal();
+    config.recordings.folder = (folder / config.recordings.folder).lexically_normal();
     const auto known = server::keys_for(config.listen, config.keys);
     server::try_parts(load);
     for (const auto& each : config.arms) server::kept_walls(server::walls_file(each));

@@ -300,9 +300,10 @@ void Recorder::end(std::unique_ptr<Recording>& recording) {
 }
 
 void Recorder::give_up(std::unique_ptr<Recording>& recording, const std::string& why) {
+  const bool again = &recording == &running_;
   recording.reset();
-  retry_ = Clock::now() + kDiskRetry;
-  spdlog::error("not recorded: {}. Next attempt in {} s", why, kDiskRetry / 1s);
+  if (again) retry_ = Clock::now() + kDiskRetry;
+  spdlog::error("not recorded: {}{}", why, again ? fmt::format(". Next attempt in {} s", kDiskRetry / 1s) : "");
   const std::lock_guard lock(mutex_);
   status_.set_error(why);
 }

@@ -177,6 +177,9 @@ void SensorHub::take(const zmq::message_t& frame) {
   }
   topic.arrived_ns = now;
 
+  if (message.has_sent_ns() && !ClockEstimate::is_time(message.sent_ns())) {
+    return refuse(topic, fmt::format("its sent_ns is {}: expected ns since 1970", message.sent_ns()));
+  }
   if (topic.publishers.size() >= kMaxPublishers) topic.publishers.clear();
   auto [publisher, is_new] = topic.publishers.try_emplace({who.key, message.publisher()});
   Publisher& from = publisher->second;
@@ -363,7 +366,11 @@ bool SensorHub::waits(const Listener& listener) const {
 
 void SensorHub::refuse(Topic& topic, const std::string& why) {
   topic.told.set_refused(topic.told.refused() + 1);
-  if (topic.told.why_refused() != why) spdlog::warn("a sensor message was refused: {}", why);
+  // A stream of them may say something else each time.
+  if (const std::int64_t now = now_ns(); topic.told.why_refused() != why && now - topic.refusal_told_ns > kTellLostPeriod) {
+    topic.refusal_told_ns = now;
+    spdlog::warn("a sensor message was refused: {}", why);
+  }
   topic.told.set_why_refused(why);
 }
 

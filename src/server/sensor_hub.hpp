@@ -70,6 +70,7 @@ class SensorHub {
   struct Topic {
     frankapy::proto::Topics::Topic told;
     std::int64_t arrived_ns = 0;  // CLOCK_MONOTONIC, of the newest
+    std::int64_t refusal_told_ns = 0;  // likewise, when one was last told of
     std::map<std::pair<std::string, std::uint64_t>, Publisher> publishers;  // by key, and number of their own
     // Of each kind and each publisher's key: when the newest was sent, by our clock.
     std::map<std::string, std::map<std::string, std::int64_t>> newest_ns;

@@ -129,10 +129,10 @@ Skills::Found Skills::find(const Address& from, const proto::StartSkill& start) 
                                                   "queue behind it",
                                                   last));
   }
-  if (queue_.size() >= kMaxQueue) {
+  const bool queued = after != 0 && after == last;
+  if (queued && queue_.size() >= kMaxQueue) {
     throw Refused(proto::Error::BUSY, fmt::format("{} skills are queued already: wait for one to end", queue_.size()));
   }
-  const bool queued = after != 0 && after == last;
   return {queued, !queued && after != 0 && ended->second.ending() != proto::TERMINATED};
 }
 

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <cerrno>
 #include <chrono>
 #include <cstdio>
 #include <future>
@@ -27,6 +28,8 @@
 #include "server/ending_signals.hpp"
 #include "server/part_record.hpp"
 #include "server/recorder.hpp"
+#include "server/refused.hpp"
+#include "server/roles.hpp"
 #include "server/shared_memory.hpp"
 #include "server/sockets.hpp"
 #include "server/system_call.hpp"
@@ -261,7 +264,7 @@ class Supervisor {
  public:
   Supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments, Keys* keys,
              const SupervisorTimes& times)
-      : times_(times), socket_(context_, zmq::socket_type::router) {
+      : times_(times), keys_(keys), socket_(context_, zmq::socket_type::router) {
     if (keys != nullptr) {
       doorkeeper_.emplace(context_, *keys);
       guard(socket_, *keys);
@@ -272,9 +275,11 @@ class Supervisor {
     try {
       socket_.bind(fmt::format("tcp://{}:{}", config.listen, config.port == 0 ? "*" : std::to_string(config.port)));
     } catch (const zmq::error_t& error) {
-      throw std::runtime_error(fmt::format(
-          "cannot listen on {}:{} ({}): does another franka-interface run? Stop it, or choose another --port",
-          config.listen, config.port, error.what()));
+      throw std::runtime_error(fmt::format("cannot listen on {}:{} ({}){}", config.listen, config.port, error.what(),
+                                           error.num() == EADDRINUSE ? ": does another franka-interface run? Stop it, or choose another --port"
+                                           : error.num() == EADDRNOTAVAIL || error.num() == ENODEV
+                                               ? ": it is no address of this computer, of which `ip address` lists all"
+                                               : ""));
     }
     connections_.emplace(context_, socket_);
     for (std::size_t i = 0; i < config.arms.size(); ++i) {
@@ -339,14 +344,18 @@ class Supervisor {
       }
       proto::Reply reply;
       reply.set_request_id(request.request_id());
-      if (request.has_list_arms()) {
+      try {
+        require_role(sender_of(frame, keys_), request);  // a key may have been removed since it connected
+        if (!request.has_list_arms()) {
+          throw Refused(proto::Error::INVALID_ARGUMENT, "this is the supervisor, which answers ListArms: everything else is for the "
+                                                        "arm's own endpoint");
+        }
         for (const auto& child : children_) *reply.mutable_arms()->add_arms() = child->info();
         reply.mutable_arms()->set_version(proto::CURRENT);
         if (doorkeeper_) reply.mutable_arms()->set_refused_keys(doorkeeper_->refused());
-      } else {
-        reply.mutable_error()->set_code(proto::Error::INVALID_ARGUMENT);
-        reply.mutable_error()->set_message("this is the supervisor, which answers ListArms: everything else is for the "
-                                           "arm's own endpoint");
+      } catch (const Refused& refused) {
+        reply.mutable_error()->set_code(refused.code);
+        reply.mutable_error()->set_message(refused.what());
       }
       try {
         socket_.send(identity, zmq::send_flags::sndmore | zmq::send_flags::dontwait);
@@ -358,6 +367,7 @@ class Supervisor {
   }
 
   const SupervisorTimes times_;
+  const Keys* const keys_;
   zmq::context_t context_;
   std::optional<Doorkeeper> doorkeeper_;
   zmq::socket_t socket_;

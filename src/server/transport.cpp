@@ -294,13 +294,29 @@ void Transport::record_for_those_there() {
 }
 
 void Transport::change_walls(const Address& from, const proto::ChangeWalls& change) {
+  if (change.remove_size() + change.put_size() == 0) return tell_walls(from);
   const bool lab = from.who.role == proto::LAB;  // protects the arm from whoever commands it
-  const bool changes = change.remove_size() + change.put_size() > 0;
-  if (changes) {
-    if (!lab) clients_.require_lease(from);
+  if (!lab) clients_.require_lease(from);
+  if (!keeping_.expired()) {
+    throw Refused(proto::Error::BUSY, "walls that are to be kept are on their way to the disk: wait until they are there");
+  }
+  auto keep = arm_.keeping(change, from.who);
+  if (!keep) {
     arm_.change(change, from.who);
     if (!lab) clients_.take_lease(from);
+    return tell_walls(from);
   }
+  // A disk may take its time, and others their stops meanwhile.
+  const auto kept = std::make_shared<char>();
+  jobs_.put(from, std::move(keep), [this, from, change, kept] {
+    arm_.change(change, from.who);
+    tell_walls(from);
+  });
+  keeping_ = kept;
+  if (!lab) clients_.take_lease(from);
+}
+
+void Transport::tell_walls(const Address& from) {
   proto::Reply reply;
   proto::Walls& walls = *reply.mutable_walls();
   walls = arm_.walls();
@@ -381,7 +397,7 @@ void Transport::take_disconnection() {
 
 // And now and then recordings are told.
 void Transport::take_time(Clients::Client& client, const proto::Request& request) {
-  if (!request.has_sent_ns()) return;
+  if (!request.has_sent_ns() || !ClockEstimate::is_time(request.sent_ns())) return;
   const std::int64_t now = since_epoch_ns(now_ns());
   client.clock.take(request.sent_ns(), now, request.way_ns());
   if (!client.clock.is_due(now)) return;

@@ -93,6 +93,7 @@ class Transport {
   void record(const Address& from, const frankapy::proto::Record& record);
   void record_for_those_there();
   void change_walls(const Address& from, const frankapy::proto::ChangeWalls& change);
+  void tell_walls(const Address& from);
   void change_limits(const Address& from, const frankapy::proto::ChangeLimits& change);
   void start_gripper(const Address& from, const frankapy::proto::GripperCommand& command);
   void recover(const Address& from, const frankapy::proto::Recover& recover);
@@ -123,6 +124,7 @@ class Transport {
   std::atomic<std::uint64_t> rounds_{0};
   Recovery recovery_;
   Skills skills_;
+  std::weak_ptr<void> keeping_;  // while walls that are to be kept are being written
   ClientJobs jobs_;  // goes first, as what is on the workbench uses the rest
 };
 

@@ -188,12 +188,18 @@ void WallStore::put(proto::Wall wall, std::map<std::string, Entry>& into, std::u
   into[wall.name()] = {id, wall};
 }
 
+std::optional<proto::Walls> WallStore::kept_after(const proto::ChangeWalls& change, const Keys::Client& who) const {
+  WallStore after = *this;
+  after.apply(change, who);
+  proto::Walls keep = after.to_keep();
+  if (file_.empty() || keep.SerializeAsString() == to_keep().SerializeAsString()) return std::nullopt;
+  return keep;
+}
+
 void WallStore::change(const proto::ChangeWalls& change, const Keys::Client& who) {
   const auto entries = entries_;
-  const std::string kept = to_keep().SerializeAsString();
   apply(change, who);
   try {
-    if (const proto::Walls keep = to_keep(); keep.SerializeAsString() != kept) save(file_, keep);
     save(fd_, changes());
   } catch (...) {
     entries_ = entries;

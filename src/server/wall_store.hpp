@@ -2,6 +2,7 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <span>
 #include <string>
@@ -26,6 +27,11 @@ class WallStore {
   // it is; of their walls, those that are to be kept also in one that outlives the server (empty: none). Throws Refused as
   // change(), and as kept_walls().
   explicit WallStore(const std::vector<frankapy::proto::Wall>& fixed, int fd = -1, std::string file = {});
+
+  // What file() has to hold before this change is made, where that is something else: whoever makes it saves that first, which
+  // takes as long as a disk takes. Throws as change().
+  std::optional<frankapy::proto::Walls> kept_after(const frankapy::proto::ChangeWalls& change, const Keys::Client& who) const;
+  const std::string& file() const { return file_; }
 
   // Throws Refused: a wall that is none or that is protected from `who`, one to remove that is not there, more than the loop
   // can look at in a cycle. Nothing is changed then.

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <span>
 
+#include "server/kept.hpp"
 #include "server/refused.hpp"
 #include "server/shared_memory.hpp"
 
@@ -33,6 +34,12 @@ proto::ChangeWalls put(const proto::Wall& wall) {
   return change;
 }
 
+// As a server does: first what is to be kept.
+void make(WallStore& store, const proto::ChangeWalls& change, const Keys::Client& who = {"", "", proto::USER}) {
+  if (const auto keep = store.kept_after(change, who)) save(store.file(), *keep);
+  store.change(change, who);
+}
+
 std::vector<std::string> names(const WallStore& store) {
   std::vector<std::string> names;
   const proto::Walls walls = store.list();
@@ -54,21 +61,21 @@ TEST_F(WallStoreTest, what_is_to_be_kept_is_there_again_until_it_is_removed) {
   using Names = std::vector<std::string>;
   {
     WallStore store({}, -1, file_);
-    store.change(put(sphere("bench", 0.2, true)));
-    store.change(put(sphere("visitor", 0.3, false)));
+    make(store, put(sphere("bench", 0.2, true)));
+    make(store, put(sphere("visitor", 0.3, false)));
   }
   {
     WallStore store({}, -1, file_);
     EXPECT_EQ(names(store), Names{"bench"});
     EXPECT_EQ(store.list().walls(0).sphere().radius(), 0.2);
-    store.change(put(sphere("pen", 0.1, true)));
-    store.change(put(sphere("bench", 0.2, false)));
+    make(store, put(sphere("pen", 0.1, true)));
+    make(store, put(sphere("bench", 0.2, false)));
   }
   WallStore store({}, -1, file_);
   EXPECT_EQ(names(store), Names{"pen"});
   proto::ChangeWalls change;
   change.add_remove("pen");
-  store.change(change);
+  make(store, change);
   EXPECT_TRUE(names(WallStore({}, -1, file_)).empty());
 }
 
@@ -76,14 +83,14 @@ TEST_F(WallStoreTest, what_is_to_be_kept_is_there_again_until_it_is_removed) {
 TEST_F(WallStoreTest, a_wall_that_moves_stays_itself) {
   WallStore store({}, -1, file_);
   const auto number = [&] { return store.make(models::arm("fr3"), true)->walls.at(0).id; };
-  store.change(put(sphere("visitor", 0.3, false)));
+  make(store, put(sphere("visitor", 0.3, false)));
   const std::uint32_t first = number();
-  store.change(put(sphere("visitor", 0.2, false)));
+  make(store, put(sphere("visitor", 0.2, false)));
   EXPECT_EQ(number(), first);
   EXPECT_EQ(store.name(first), "visitor");
   proto::ChangeWalls change = put(sphere("visitor", 0.2, false));
   change.add_remove("visitor");
-  store.change(change);
+  make(store, change);
   EXPECT_NE(number(), first);
 }
 
@@ -97,7 +104,7 @@ proto::Wall mesh(const std::string& name, double offset) {
 
 TEST_F(WallStoreTest, a_mesh_is_where_its_corners_are) {
   WallStore store({});
-  store.change(put(mesh("wedge", 0.5)));
+  make(store, put(mesh("wedge", 0.5)));
   const auto made = store.make(models::arm("fr3"), true);
   ASSERT_EQ(made->walls.size(), 1u);
   const auto distance = [&](double x, double y, double z) { return realtime::distance(made->walls[0].shape, {x, y, z}).distance; };
@@ -112,7 +119,7 @@ TEST_F(WallStoreTest, a_mesh_that_is_held_is_covered) {
   wall.set_held(true);
   for (int i = 0; i < 3; ++i) wall.set_position(i, 0);
   WallStore store({});
-  store.change(put(wall));
+  make(store, put(wall));
   const auto made = store.make(models::arm("fr3"), true);
   const auto& capsule = made->arm.all().back();
   EXPECT_EQ(capsule.link, realtime::ArmCapsules::kFlange);
@@ -129,13 +136,13 @@ TEST_F(WallStoreTest, a_mesh_that_is_no_body_is_refused_by_its_name) {
   proto::Wall wall = mesh("wedge", 0);
   wall.mutable_mesh()->set_triangles(0, 7);
   try {
-    store.change(put(wall));
+    make(store, put(wall));
     FAIL();
   } catch (const Refused& refused) {
     EXPECT_STREQ(refused.what(), "Wall \"wedge\" names corner 7 in triangle 0: expected 0 to 3");
   }
   wall.mutable_mesh()->add_corners(1);
-  EXPECT_THROW(store.change(put(wall)), Refused);
+  EXPECT_THROW(make(store, put(wall)), Refused);
   EXPECT_TRUE(names(store).empty());
 }
 
@@ -166,17 +173,18 @@ TEST_F(WallStoreTest, meshes_have_no_more_triangles_than_the_loop_can_look_at) {
     proto::Wall wall = fine;
     wall.set_name(std::to_string(k));
     if (k < 4) {
-      store.change(put(wall));
+      make(store, put(wall));
     } else {
-      EXPECT_THROW(store.change(put(wall)), Refused);
+      EXPECT_THROW(make(store, put(wall)), Refused);
       wall.set_held(true);  // then it is a capsule
-      store.change(put(wall));
+      make(store, put(wall));
     }
   }
 }
 
 TEST_F(WallStoreTest, the_configuration_goes_before_what_was_kept) {
-  WallStore({}, -1, file_).change(put(sphere("bench", 0.2, true)));
+  WallStore before({}, -1, file_);
+  make(before, put(sphere("bench", 0.2, true)));
   const WallStore store({sphere("bench", 0.4, false)}, -1, file_);
   ASSERT_EQ(names(store).size(), 1u);
   EXPECT_EQ(store.list().walls(0).sphere().radius(), 0.4);
@@ -190,7 +198,7 @@ TEST_F(WallStoreTest, what_is_protected_only_the_lab_changes) {
   WallStore store(configured, fd, file_);
   const auto refusal = [&](const proto::ChangeWalls& change) {
     try {
-      store.change(change, student);
+      make(store, change, student);
     } catch (const Refused& refused) {
       EXPECT_EQ(refused.code, proto::Error::NOT_PERMITTED);
       return std::string(refused.what());
@@ -203,13 +211,13 @@ TEST_F(WallStoreTest, what_is_protected_only_the_lab_changes) {
   EXPECT_NE(refusal(put(sphere("bench", 0.2, false))), "");
   auto table = sphere("table", 0.3, true);
   table.set_fixed(true);
-  store.change(put(table), lab);
+  make(store, put(table), lab);
   EXPECT_EQ(refusal(put(sphere("table", 0.2, false))).find("wall \"table\" is protected"), 0u);
   auto own = sphere("own", 0.1, false);
   own.set_fixed(true);
-  store.change(put(own), student);
-  store.change(remove, lab);
-  store.change(put(sphere("pole", 0.2, false)), lab);
+  make(store, put(own), student);
+  make(store, remove, lab);
+  make(store, put(sphere("pole", 0.2, false)), lab);
 
   const auto shown = [](const WallStore& of) {
     std::string text;
@@ -237,7 +245,7 @@ TEST_F(WallStoreTest, what_cannot_be_kept_is_not_there) {
   std::filesystem::create_directories(folder_);
   std::ofstream(folder_ / "walls") << "a file, and no folder";
   WallStore store({}, -1, file_);
-  EXPECT_THROW(store.change(put(sphere("bench", 0.2, true))), std::exception);
+  EXPECT_THROW(make(store, put(sphere("bench", 0.2, true))), std::exception);
   EXPECT_TRUE(names(store).empty());
 }
 
@@ -248,7 +256,7 @@ TEST_F(WallStoreTest, a_thin_wall_between_two_samples_of_a_way_is_seen) {
   for (const double each : {1., 0.001, 1.}) wall.mutable_box()->add_size(each);
   for (const double each : {0.85, 0., 0.5}) wall.add_position(each);
   for (const double each : {1., 0., 0., 0.}) wall.add_orientation(each);
-  store.change(put(wall), {});
+  make(store, put(wall));
   const auto walls = store.make(models::arm("fr3"), true);
   std::array<realtime::Vector7, 3> way;
   way.fill(realtime::Vector7::Map(models::kHome.data()));
