@@ -120,8 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     kinds = add("kinds", _kinds, "list the parts that skills are made of, with their fields; a server's own too")
     kinds.add_argument("role", nargs="?", choices=["trajectory", "controller", "termination", "ending"], help="only these")
-    add_server(kinds)
-    kinds.add_argument("--arm", type=int, default=1, help="its number (default 1)")
+    add_arm(kinds)
     kinds.add_argument("--fits", action="store_true", help="which trajectory fits which controller, and in which robot controllers")
 
     new = add("new", _new, "begin a part of your own: a project with its C++ file, message, test and build file")

@@ -37,6 +37,7 @@ DEFAULT_SERVER = f"127.0.0.1:{DEFAULT_PORT}"
 _ASK_AGAIN = 0.5  # s
 _START_TIME = 10.0  # s that an arm's process may need to be ready
 _CLOCK_QUESTIONS = 10
+_CLOCK_TIME = 10.0  # s that what was found of the clocks holds: they drift, and are set
 _FAILURES = 3  # handshakes in a row after which it is believed that they fail
 _ROUND_TRIPS = 5
 # What a ZMTP 3 peer says first, and how long that is with what follows: mechanism (20 bytes), whether it is the server, filler.
@@ -263,6 +264,7 @@ class Connection:
         self._building = threading.Lock()  # from what the server builds to its first answer
         self._closed = False
         self._has_commanded = False
+        self._clock: tuple[float, tuple[float, float]] | None = None  # when the clocks were compared, and what came of it
         self._pid = os.getpid()
         self.welcome = proto.Welcome()
         self._channel = self._open()
@@ -380,6 +382,10 @@ class Connection:
                 if error.recovery is not None:
                     raise
                 reason = error.message
+            except FrankaArmCommException as error:  # a server that is started again
+                if self._closed or time.monotonic() > deadline:
+                    raise
+                reason = error.message
             if time.monotonic() > deadline:
                 raise FrankaArmCommException(f"The arm is not ready after {timeout:g} s: {reason}")
             time.sleep(0.01)
@@ -389,12 +395,17 @@ class Connection:
         if not self._closed and self._pid == os.getpid():
             self._channel.stop_commands()
 
-    @functools.cached_property
+    @property
     def clock_difference(self) -> tuple[float, float]:
-        """What the clock of the server's computer is before that of this one, and how uncertain that is, s.
+        """What the clock of the server's computer is before that of this one, and how uncertain that is, s; as it was 10 s ago at most.
 
         The answer whose way was the shortest tells: it was given at some time between request and arrival.
         """
+        if self._clock is None or time.monotonic() > self._clock[0] + _CLOCK_TIME:
+            self._clock = time.monotonic(), self._compare_clocks()
+        return self._clock[1]
+
+    def _compare_clocks(self) -> tuple[float, float]:
         estimates = []
         for _ in range(_CLOCK_QUESTIONS):
             sent = time.time()

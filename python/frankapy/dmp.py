@@ -113,9 +113,7 @@ class Primitive:
 
         Raises FrankaArmArgumentError for values that cannot be.
         """
-        T = self.duration if duration is None else number("duration", duration)
-        if not 0.01 <= T <= 120:
-            raise FrankaArmArgumentError(f"duration is {T:g} s: expected 0.01 to 120 s")
+        T = self._length(duration)
         weights = self._weights_to(start, goal, sensor_values)
         values: dict[str, Any] = dict(weights=weights.ravel(), duration=T)
         if sensor_values is not None:
@@ -145,7 +143,7 @@ class Primitive:
 
     def rollout(self, duration: float | None = None, start: Any = None, goal: Any = None, sensor_values: Any = None) -> Rollout:
         """Return times (n,) s and what `part` of the same arguments commands then: rad (n, 7), or m (n, 3)."""
-        T = self.duration if duration is None else number("duration", duration)
+        T = self._length(duration)
         weights = self._weights_to(start, goal, sensor_values)
         y = self._rollout((weights * self._sensors(sensor_values)).sum(axis=1), T)
         return np.linspace(0, T, len(y)), self._begin(start) + y
@@ -157,7 +155,7 @@ class Primitive:
         quat_mu, quat_h, learned_start, learned_goal, quat_weights = (
             np.asarray(each) for each in (self.quat_mu, self.quat_h, self.start_orientation, self.goal_orientation, self.quat_weights)
         )
-        T = self.duration if duration is None else number("duration", duration)
+        T = self._length(duration)
         begin = learned_start if start is None else vector("start", start, 4)
         end = learned_goal if goal is None else vector("goal", goal, 4)
         force = lambda t: _gaussians(np.exp(-t / T), quat_mu, quat_h) @ quat_weights[:, 0].T  # noqa: E731
@@ -359,6 +357,13 @@ class Primitive:
         weights = self.weights.copy()
         weights[:, :, 0] += (missing / reached / total)[:, None]
         return weights
+
+    def _length(self, duration: Any) -> float:
+        """How long it takes, s; None: as it was learned."""
+        T = self.duration if duration is None else number("duration", duration)
+        if not 0.01 <= T <= 120:
+            raise FrankaArmArgumentError(f"duration is {T:g} s: expected 0.01 to 120 s")
+        return T
 
     def _begin(self, start: Any) -> np.ndarray:
         """Where it begins: at `start`; None: where it was learned."""

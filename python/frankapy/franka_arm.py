@@ -103,10 +103,9 @@ class FrankaArm(Connected):
         self._tool_delta_pose = RigidTransform(np.eye(3), np.zeros(3), from_frame=TOOL, to_frame=TOOL_BASE)
         self._speed = 1.0
         self._recovery: str | int | None = None
-        self._sensors: tuple[tuple[int, str], SensorPublisher] | None = None  # for which process and endpoint, and that one
+        self._sensors: SensorPublisher | None = None
         self._server_name, self._robot_num, self._key_file = server, whole("robot_num", robot_num), key
         self._connection = None if offline else Connection(server, self._robot_num, key)
-        self._tool_base: tuple[proto.Welcome | None, np.ndarray] = (None, np.eye(4))  # as the connection that it was asked over
         self._motions, self._hand = Motions(self._connection), Hand(self._connection, wanted=bool(with_gripper))
         self._reader = StateReader(self._connection)
         if self._connection is None:
@@ -126,6 +125,8 @@ class FrankaArm(Connected):
     def close(self) -> None:
         """Leave the arm to others. A skill that still runs goes on to its own end."""
         self._reader.stop_listening()
+        if self._sensors is not None:
+            self._sensors.close()
         if self._connection is not None:
             self._connection.close()
 
@@ -1236,9 +1237,10 @@ class FrankaArm(Connected):
         if sensor_values is None:
             return False
         if self._connection is not None:
-            publisher = self._sensor_publisher(self._connection)
+            if self._sensors is None:
+                self._sensors = self.publisher(_SENSOR_TOPIC)
             for message in messages_of(sensor_values):
-                publisher.publish(message)
+                self._sensors.publish(message)
         return None
 
     def publish_sensor_data(self, msg: SensorDataGroup) -> None:
@@ -1284,13 +1286,6 @@ class FrankaArm(Connected):
         duration = getattr(trajectory, "duration", 0.0) / (speed or 1)
         return self._motions.run(skill, duration, block, ignore_errors, preempt, led)
 
-    def _sensor_publisher(self, connection: Connection) -> SensorPublisher:
-        # A server that was started again may have other ports, and a forked process needs a socket of its own.
-        where = os.getpid(), connection.current_welcome().sensor_endpoint
-        if self._sensors is None or self._sensors[0] != where:
-            self._sensors = where, self.publisher(_SENSOR_TOPIC)
-        return self._sensors[1]
-
     def _policy(self, recover: str | int | None, ignore_errors: bool) -> proto.RecoveryPolicy:
         if recover is None:
             recover = self._recovery
@@ -1303,17 +1298,10 @@ class FrankaArm(Connected):
         return reach.rest_range(None if self._connection is None else self._connection.welcome.limits)
 
     def _tool_base_on_flange(self) -> np.ndarray:
-        """Return the end-effector frame that the robot has, (4, 4): F_T_EE; offline that of the Franka hand.
-
-        It is asked for once of each connection: who changes it in Desk ends that.
-        """
+        """Return the end-effector frame that the robot has now, (4, 4): F_T_EE; offline that of the Franka hand."""
         if self._connection is None:
             return reach.offline_tool()
-        welcome, tool = self._tool_base
-        if welcome is not self._connection.welcome:
-            tool = np.array(self.get_arm_state().robot.F_T_EE).reshape(4, 4).T
-            self._tool_base = self._connection.welcome, tool
-        return tool
+        return np.reshape(self.get_arm_state().robot.F_T_EE, (4, 4)).T
 
     def _tool_on_flange(self) -> np.ndarray:
         return self._tool_base_on_flange() @ self._tool_delta_pose.matrix
@@ -1336,10 +1324,10 @@ class FrankaArm(Connected):
 
     @property
     def _in_skill(self) -> bool:
-        """Whether a skill was sent and not waited for; scripts set it to False to send another one."""
-        return self._motions.running is not None
+        """Whether a skill was sent and not waited for; scripts set it to False to send another one, which takes over from it."""
+        return self._motions.running is not None and not self._motions.running.forgotten
 
     @_in_skill.setter
     def _in_skill(self, there_is_one: bool) -> None:
-        if not there_is_one:
-            self._motions.running = None
+        if not there_is_one and self._motions.running is not None:
+            self._motions.running.forgotten = True

@@ -334,7 +334,7 @@ def text_of(field: FieldDescriptor, rule: rules_pb2.FieldRule | None = None) -> 
     if field.enum_type is not None:
         words.append(" | ".join(field.enum_type.values_by_name).lower())
     if rule.row:
-        words.append(f"up to {rule.max_rows} rows of {rule.row} numbers")
+        words.append(f"{f'up to {rule.max_rows} ' if rule.max_rows else ''}rows of {rule.row} numbers")
     elif rule.size:
         words.append(f"{rule.size} numbers")
     elif is_repeated(field):
@@ -342,7 +342,8 @@ def text_of(field: FieldDescriptor, rule: rules_pb2.FieldRule | None = None) -> 
     if rule.unit:
         words.append(rule.unit)
     if rule.HasField("min") or rule.HasField("max"):
-        words.append(f"{rule.min:g} to {rule.max:g}" if rule.HasField("max") else f"at least {rule.min:g}")
+        lower, upper = (f"{value:g}" if rule.HasField(name) else "" for name, value in (("min", rule.min), ("max", rule.max)))
+        words.append(f"{lower} to {upper}" if lower and upper else f"at least {lower}" if lower else f"at most {upper}")
     if rule.required:
         words.append("must be given")
     elif rule.initial:

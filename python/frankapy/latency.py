@@ -107,9 +107,12 @@ def _holding(arm: FrankaArm) -> Iterator[Finding]:
                 if last:
                     gaps.append(abs(now - last - 1))
                 last = now
-            elif computing:
+            elif computing or (arm.is_skill_done() and state.cycles > arm.last_skill_result.last_state.cycles):
                 break
     arm.wait_for_skill()
+    if not computing:
+        yield Finding(BAD, "computing", f"the arm was not held: {arm.last_skill_result.message or 'its skill did not begin'}")
+        return
     yield _judged("computing", computing, "µs", _COMPUTING, _COMPUTER)
     yield _judged("jitter of cycles", gaps, "ms", (0.3, 1.0), _COMPUTER)
     share = float(np.mean(success))

@@ -39,6 +39,7 @@ class Motion:
         self.duration = duration  # s, that was asked for
         self.led = led
         self.judged = False
+        self.forgotten = False  # the next one takes over from it
         self.ended: proto.SkillResult | None = None  # how, once it was judged
         self.started: proto.SkillStarted = call.first().skill_started
         self.id = int(self.started.skill_id)  # at the server
@@ -110,6 +111,7 @@ class Motions(Connected):
 
     def _start(self, skill: proto.Skill, duration: float, ignore_errors: bool, preempt: bool, led: bool) -> Motion:
         sequence = self.sequence
+        preempt = preempt or (sequence is None and self.running is not None and self.running.forgotten and not self.is_done())
         if sequence is not None and preempt:
             raise FrankaArmArgumentError("preempt=True is not for motions of a sequence, which wait for each other.")
         # What has ended is told of first, and where it failed does not cancel a sequence that comes behind it.

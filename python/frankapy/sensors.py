@@ -6,6 +6,7 @@ import itertools
 import os
 import secrets
 import time
+import weakref
 from types import TracebackType
 
 import zmq
@@ -24,13 +25,18 @@ class SensorPublisher:
     """Sends messages over a topic into the skills of an arm that listen to it.
 
     It needs no FrankaArm, and does not disturb the one that commands the arm. What is published is sent at once, waits while
-    the server is being reached, and is sent still when the script ends right afterwards. It serves one thread.
+    the server is being reached, and is sent still when the script ends right afterwards. It finds a server again that was started
+    anew, and goes on in a process that was forked. It serves one thread.
 
     Example:
         >>> fa.run(StreamJoint("policy"), JointImpedance(), Time(10), block=False)
         >>> with SensorPublisher("policy") as publisher:
         ...     publisher.publish(proto.JointPositionSensorMessage(joints=q))
     """
+
+    _socket: zmq.Socket[bytes]
+    _close: weakref.finalize[..., object]
+    _monitor: zmq.Socket[bytes]  # tells when the connection is lost
 
     def __init__(
         self, topic: str, robot_num: int = 1, server: str | None = None, key: str | os.PathLike[str] | None = None
@@ -41,19 +47,33 @@ class SensorPublisher:
         """
         if not text("topic", topic, 256):
             raise FrankaArmArgumentError("topic is '': expected a name of 1 to 256 bytes")
-        found = find_server(server, key)
-        endpoint = find_arm(found, robot_num).sensor_endpoint
-        if not endpoint:
-            raise FrankaArmCommException("The arm's process is not ready: `frankapy status` tells why.")
         self.topic = topic
+        self._robot_num, self._server, self._key_file = robot_num, server, key
+        self._where = (0, "")  # the process that has the socket, and the endpoint
+        self._is_lost = False
+        self._open()
+
+    def _open(self) -> None:
+        """Find the arm, and connect where it is not where it was."""
+        found = find_server(self._server, self._key_file)
+        where = os.getpid(), find_arm(found, self._robot_num).sensor_endpoint
+        if not where[1]:
+            raise FrankaArmCommException("The arm's process is not ready: `frankapy status` tells why.")
+        self._is_lost = False
+        if where == self._where:
+            return  # ZeroMQ connects again
+        if where[0] == self._where[0]:
+            self._close()
+        self._where = where
         self._way_ns = round(1e9 * way_to(found))
         self._id = secrets.randbits(63)
         self._sequence = itertools.count(1)
         self._socket, self._close = owned_socket(self, zmq.PUSH, _LINGER)
         self._socket.sndhwm = 10_000
+        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         if found.key is not None:
             found.key.use_for(self._socket)
-        self._socket.connect(endpoint)
+        self._socket.connect(where[1])
 
     def __repr__(self) -> str:
         return f"SensorPublisher({self.topic!r})"
@@ -61,11 +81,17 @@ class SensorPublisher:
     def publish(self, message: Message) -> None:
         """Send a message of wire/proto/sensors.proto, or of a part of your own.
 
-        Raises FrankaArmArgumentError for a field against its rule, FrankaArmCommException when the server takes nothing.
+        Raises FrankaArmArgumentError for a field against its rule, FrankaArmCommException when the server takes nothing, or is gone.
         """
         if not isinstance(message, Message):
             raise FrankaArmArgumentError(f"publish got {message!r}: expected a message, such as JointPositionSensorMessage")
         validate(message)
+        if self._close.alive:
+            while os.getpid() == self._where[0] and self._monitor.poll(0):
+                self._monitor.recv_multipart()
+                self._is_lost = True
+            if self._is_lost or os.getpid() != self._where[0]:
+                self._open()
         envelope = proto.SensorMessage(
             topic=self.topic, publisher=self._id, sequence=next(self._sequence), sent_ns=time.time_ns(), way_ns=self._way_ns
         )

@@ -21,4 +21,4 @@ def owned_socket(owner: object, kind: int, linger: int = 0) -> tuple[zmq.Socket[
 
 def _close(socket: zmq.Socket[bytes], context: zmq.Context[zmq.Socket[bytes]]) -> None:
     socket.close()
-    context.term()
+    context.destroy()  # with what watches the socket

@@ -24,6 +24,7 @@ from frankapy.utils import franka_pose_to_rigid_transform
 _RATE = 1000  # Hz, of the arm
 _ALL = b"1\0"  # the subscription to all of every state
 _NEW = 0.003  # s, of a published state that counts as now
+_PATIENCE = 5.0  # s without a state, after which none is waited for
 _BEGIN = 2.0  # s, to wait at most for the first of the states that are asked for
 _SOON = 0.05  # s, between reads for which states are listened to
 _CARTESIAN_MODES = (3, 4)  # of RobotState.motion_generator_mode: pose and velocity
@@ -36,6 +37,7 @@ class NewestState:
         """Subscribe at `endpoint` (Welcome.state_endpoint) of a server that has keys, or None."""
         self._lock = threading.Lock()
         self._state: bytes | None = None
+        self._came = -math.inf  # by time.monotonic(), when it was read first
         self._socket, self._close = owned_socket(self, zmq.SUB)
         self._socket.conflate = True
         self._socket.subscribe(_ALL)
@@ -44,14 +46,16 @@ class NewestState:
         self._socket.connect(endpoint)
 
     def read(self) -> proto.ArmState | None:
-        """Return it, each time as a message of its own; None before the first has come, and after the end."""
+        """Return it, each time as a message of its own; None before the first has come, after the end, and where no more come."""
         with self._lock:
             if not self._close.alive:
                 return None
             try:
                 self._state = self._socket.recv(zmq.NOBLOCK)[len(_ALL) :]
+                self._came = time.monotonic()
             except zmq.Again:
-                pass
+                if time.monotonic() - self._came > _NEW:  # there is one for each cycle, whatever clocks say
+                    return None
             return None if self._state is None else proto.ArmState.FromString(self._state)
 
     def close(self) -> None:
@@ -68,11 +72,11 @@ class StateStream:
     """
 
     def __init__(
-        self, endpoint: str, timeout: float = 5.0, rate: float = 1000, fields: Sequence[str] = (), key: ClientKey | None = None
+        self, endpoint: str, timeout: float = _PATIENCE, rate: float = 1000, fields: Sequence[str] = (), key: ClientKey | None = None
     ) -> None:
         """Subscribe at `endpoint` (Welcome.state_endpoint), with the key of the connection.
 
-        Iteration ends after `timeout` (s) without a state. `rate` (1/s) is 1000, or that divided by a whole number; `fields`
+        Iteration ends after `timeout` (s) without a state, or where that is longer two of them at that rate. `rate` (1/s) is 1000, or that divided by a whole number; `fields`
         are those that are sent ("robot.q", "phase"), none: all. Raises FrankaArmArgumentError for others.
         """
         every = round(_RATE / rate) if 0 < rate <= _RATE else 0
@@ -88,7 +92,8 @@ class StateStream:
         self._topic = topic.encode() + b"\0"
         self._socket, self._close = owned_socket(self, zmq.SUB)
         self._socket.rcvhwm = 10_000
-        self._socket.rcvtimeo = int(1000 * timeout)
+        self._socket.rcvtimeo = int(1000 * max(timeout, 2 / rate))
+        self._pid = os.getpid()
         self._socket.subscribe(self._topic)
         if key is not None:
             key.use_for(self._socket)
@@ -101,6 +106,8 @@ class StateStream:
 
     def receive(self) -> proto.ArmState | None:
         """Wait for the next state; None when there is none within the timeout."""
+        if os.getpid() != self._pid:
+            raise FrankaArmCommException("These states come to the process that has asked for them: ask again in the one that was forked.")
         try:
             return proto.ArmState.FromString(self._socket.recv()[len(self._topic) :])
         except zmq.Again:
@@ -184,13 +191,14 @@ def wait_for(
     if not callable(condition):
         raise FrankaArmArgumentError(f"condition is {condition!r}: expected a function of a state that returns True or False")
     deadline = math.inf if timeout is None else time.monotonic() + timeout
-    with StateStream(endpoint, key=key) as states:
+    patience = _PATIENCE if timeout is None else min(_PATIENCE, max(timeout, _SOON))
+    with StateStream(endpoint, patience, key=key) as states:
         for state in states:
             if condition(state):
                 return state
             if time.monotonic() > deadline:
                 raise FrankaArmCommException(f"In {timeout:g} s no state fulfilled the condition.")
-    raise FrankaArmCommException("No states have come for 5 s: `frankapy status` tells why.")
+    raise FrankaArmCommException(f"No states have come for {patience:g} s: `frankapy status` tells why.")
 
 
 class RobotState(dict[str, Any]):

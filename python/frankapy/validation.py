@@ -39,10 +39,10 @@ def number(name: str, value: Any) -> float:
 
 
 def whole(name: str, value: Any) -> int:
-    """Return `value` as an int of 0 or more. Raises FrankaArmArgumentError when it is none."""
+    """Return `value` as an int of 0 to 4294967295. Raises FrankaArmArgumentError when it is none."""
     figure = number(name, value)
-    if figure != int(figure) or figure < 0:
-        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected a whole number, 0 or more")
+    if figure != int(figure) or not 0 <= figure < 2**32:
+        raise FrankaArmArgumentError(f"{name} is {_short(value)}: expected a whole number, 0 or more{' (below 2^32)' if figure >= 2**32 else ''}")
     return int(value)
 
 
@@ -151,27 +151,30 @@ def _array(value: Any) -> Floats | None:
 
 
 def validate(message: Message) -> None:
-    """Check a message and all messages in it (not inside an Any) by the rules of their fields.
+    """Check a message and all messages in it (not inside an Any or a map) by the rules of their fields.
 
     Raises FrankaArmArgumentError which names message, field and element, what was given and what was expected.
     """
     for field, name, rule, repeated in _rules(message.DESCRIPTOR):
-        given = len(getattr(message, field.name)) > 0 if repeated else message.HasField(field.name)
+        value = getattr(message, field.name)
+        if repeated:
+            given = len(value) > 0
+        else:
+            given = message.HasField(field.name) if field.has_presence else value != field.default_value
         if field.cpp_type == FieldDescriptor.CPPTYPE_MESSAGE:
             if given:
-                value = getattr(message, field.name)
                 for part in value if repeated else [value]:
                     validate(part)
             elif rule.required:
                 raise FrankaArmArgumentError(f"{name} is missing")
         elif field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
-            if rule.required and not getattr(message, field.name):
+            if rule.required and not value:
                 raise FrankaArmArgumentError(f"{name} is missing: expected a text")
         elif repeated:
             if given or (rule.required and not rule.initial):
-                _check_elements(name, getattr(message, field.name), rule)
+                _check_elements(name, value, rule)
         elif given:
-            _check_value(name, getattr(message, field.name), rule)
+            _check_value(name, value, rule)
         elif rule.required:
             raise FrankaArmArgumentError(f"{name} is missing: expected a number{_in_brackets(rule)}")
 
@@ -182,7 +185,8 @@ def _rules(descriptor: Descriptor) -> list[tuple[FieldDescriptor, str, rules_pb2
     return [
         (field, f"{descriptor.name}.{field.name}", rule_of(field), is_repeated(field))
         for field in descriptor.fields
-        if field.message_type is None or field.message_type.full_name != "google.protobuf.Any"
+        if field.message_type is None
+        or not (field.message_type.full_name == "google.protobuf.Any" or field.message_type.GetOptions().map_entry)
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, ItemsView, Iterator, Mapping, Sequence, ValuesView
 from pathlib import Path
 from typing import Any
 
@@ -200,6 +200,14 @@ class Walls(Mapping[str, proto.Wall]):
     def __iter__(self) -> Iterator[str]:
         """Iterate over their names."""
         return iter(self._all())
+
+    def items(self) -> ItemsView[str, proto.Wall]:
+        """Return names and walls as they are now."""
+        return self._all().items()
+
+    def values(self) -> ValuesView[proto.Wall]:
+        """Return the walls as they are now."""
+        return self._all().values()
 
     def __len__(self) -> int:
         """Return how many there are."""

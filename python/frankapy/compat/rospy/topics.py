@@ -84,7 +84,7 @@ class Subscriber:
         self, name: str, data_class: type, callback: Callable[..., Any] | None = None, callback_args: Any = None,
         queue_size: int | None = None, **_: Any
     ) -> None:  # fmt: skip
-        """Begin to listen."""
+        """Begin to listen. Raises ROSException where the topic is an arm's, and there is none."""
         self.name, self.resolved_name, self.data_class = name, _full(name), data_class
         self._callback = callback
         self._extra = () if callback_args is None else (callback_args,)
@@ -171,10 +171,16 @@ def wait_for_message(topic: str, topic_type: type, timeout: float | Duration | N
 
 
 def _states_of(name: str) -> tuple[Connection, Callable[[proto.ArmState], Any]] | None:
-    """Return the connection to an arm, and what makes messages of its states, of a topic that stands for these; None for any other."""
+    """Return the connection to an arm, and what makes messages of its states, of a topic that stands for these; None for any other.
+
+    Raises ROSException when there is no such arm.
+    """
     for pattern, convert in ((_ROBOT_STATE, _robot_state), (_JOINT_STATES, _fingers)):
         if (match := pattern.fullmatch(name)) is not None:
-            return Connection(None, int(match[1])), convert
+            try:
+                return Connection(None, int(match[1])), convert
+            except FrankaArmException as error:
+                raise ROSException(str(error)) from error
     return None
 
 
