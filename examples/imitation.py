@@ -1,6 +1,7 @@
 """Lead the arm by hand; it does it again, and then twice as fast. Start an arm first, a real one, or `frankapy sim`.
 
-Of a simulated arm, in another terminal, the hand is `frankapy.sim.ControlChannel(address).hand(positions, times)`. The
+Of a simulated arm the hand is `frankapy.sim.ControlChannel(ADDRESS).hand(positions, times)`, from another terminal, as in
+docs/imitation.md. The
 picture needs matplotlib.
 """
 

@@ -1,4 +1,4 @@
-"""Carry a block over a table. Start the arm with it: `frankapy sim --scene sim/scenes/table_with_block.xml`."""
+"""Carry a block over a table. Start the arm with it: `frankapy sim --scene table_with_block`."""
 
 import numpy as np
 

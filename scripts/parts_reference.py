@@ -21,6 +21,10 @@ HEAD = """# What skills are made of
 
 Written by `scripts/parts_reference.py` from `wire/proto`, which is where the server has it from. `frankapy kinds` and
 `fa.kinds()` say the same. In Python each kind is a function of `frankapy.parts` whose arguments are these fields.
+
+Words: the *reference* is where the trajectory is now, inside the limits of the arm; the *robot controller* is what the
+robot is commanded in. O is the base, F the flange, EE the end effector as Desk and `[arm.tool]` set it, K where forces are
+estimated and springs of the robot act. Quaternions are w, x, y, z.
 """
 
 
