@@ -43,7 +43,7 @@ from frankapy.sim import program, read_truth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests" / "interop"))
-from peer import environment, simulated_arm  # noqa: E402
+from peer import environment, left_out, simulated_arm  # noqa: E402
 
 GOAL = HOME + [0.4, -0.2, 0.3, 0.3, -0.3, 0.4, 0.5]
 SECONDS = 12.0
@@ -189,12 +189,9 @@ def peer_does(python: Path, task: str, given: dict) -> tuple[dict, np.ndarray]:
 
 
 def peer() -> dict[str, float]:
-    try:
-        python = environment(*PEER)
-        return peer_entries(python)
-    except (OSError, subprocess.SubprocessError) as error:
-        print(f"without {' '.join(PEER)}: {error} {getattr(error, 'stderr', '')}", file=sys.stderr)
-        return {}
+    with left_out(*PEER):
+        return peer_entries(environment(*PEER))
+    return {}
 
 
 def peer_entries(python: Path) -> dict[str, float]:

@@ -3,8 +3,8 @@
 Joints, poses, joint velocities and Cartesian velocities in turn, each for STREAM seconds, under our torques and under the robot's own
 control, FER and FR3 by turns, in lockstep. A target comes every 0.02 to 1 s of the arm's time and has nothing to do with the one
 before. Joints are drawn from their range, and some beyond it; poses from a cube that is larger than the arm reaches; velocities from
-twice the limits; half a second without one is common, so that streams are braked too. Streams are ended by the next, wherever the arm
-is. The arm stands at a table with a plate, which are walls for it and bodies in its world.
+twice the limits; half a second without one is common, so that streams are braked too. Streams are stopped wherever the arm is.
+The arm stands at a table with a plate, which are walls for it and bodies in its world.
   random_stream_reflexes        errors of the robot
   random_stream_hours           of the arm's time; an argument: others
   random_stream_targets         that were sent
@@ -51,7 +51,7 @@ from frankapy.walls import Box, Plane
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(REPOSITORY / "tests" / "interop"), str(REPOSITORY / "tests" / "safety")]
 from judge import capsules, frames, gap  # noqa: E402
-from peer import environment, simulated_arm  # noqa: E402
+from peer import environment, left_out, simulated_arm  # noqa: E402
 from wire_limits import LIMITS, Limits  # noqa: E402
 
 HOURS = 1.0
@@ -151,10 +151,10 @@ class Found:
 
 
 def stream(simulation: Simulation, fa: FrankaArm, kind: str, own: bool, sent: list[tuple[float, list[float]]], found: Found) -> None:
-    """Begin where the arm is, in the place of the stream before, and send targets for as long as the last of them says."""
+    """Begin where the arm is, and send targets for as long as the last of them says."""
     law = InternalImpedance() if own else LAWS[kind]()
     delay = {"delay": 0} if kind in ("joints", "pose") else {}
-    fa.run(STREAMS[kind](TOPIC, timeout=0.5, speed=1, **delay), law, Never(), block=False, preempt=True)
+    fa.run(STREAMS[kind](TOPIC, timeout=0.5, speed=1, **delay), law, Never(), block=False)
     begin = simulation.truth().cycle
     postures = []
     with fa.publisher(TOPIC) as publisher:
@@ -239,10 +239,8 @@ def main() -> None:
     began = time.monotonic()
     entries = ours(float(sys.argv[1]) if len(sys.argv) > 1 else HOURS)
     print(f"{time.monotonic() - began:.0f} s of this computer's", file=sys.stderr)
-    try:
+    with left_out(*PEER):
         entries |= peers()
-    except (OSError, subprocess.SubprocessError) as error:
-        print(f"without {' '.join(PEER)}: {error} {getattr(error, 'stderr', '')}", file=sys.stderr)
     print(json.dumps(entries))
 
 

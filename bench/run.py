@@ -2,7 +2,7 @@
 
 A program is a bench/*.cpp (built to build/bench/<name>) or another bench/*.py. It may print what it likes on stderr; the
 last line of its stdout is a flat JSON object {"name_of_entry": number}. Programs run one after another and alone,
-since they measure time. Names given as arguments run only these, and leave the other entries of build/bench.json; without
+since they measure time. One that counts what may not happen has failed. Names given as arguments run only these, and leave the other entries of build/bench.json; without
 any, those of the campaign stay, which is no program of bench/.
 """
 
@@ -17,6 +17,8 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 BUILD = REPOSITORY / "build"
 LONGEST = 4 * 3600  # s that a program may take: random switches and all combinations take their time
 OUTPUT = BUILD / "bench.json"
+# Entries that count what may not happen.
+NEVER = ("combinations_wrong", "landing_reflexes", "log_lost", "loss_errors", "random_stream_reflexes", "state_lost", "switch_discontinuities")
 CAMPAIGN = "campaign_"  # entries of tests/safety/campaign.py
 
 
@@ -65,6 +67,8 @@ def main() -> int:
         OUTPUT.write_text(json.dumps(results, indent=2, sort_keys=True) + "\n")
         for entry, value in entries.items():
             progress.write(f"{entry:40} {value:12.4g}")
+        if wrong := [entry for entry in NEVER if entries.get(entry, 0) > 0]:
+            failures[name] = ValueError(", ".join(f"{entry} is {entries[entry]:g}: expected 0" for entry in wrong))
 
     for name, error in failures.items():
         print(f"{name}: {error}", file=sys.stderr)

@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 
-from frankapy import FrankaArm, FrankaArmException
+from frankapy import FrankaArm, FrankaArmException, proto
 from frankapy.sim import SimulatedArm, Simulation
 
 SECONDS = 60
@@ -56,6 +56,8 @@ def follow(clients: list[FrankaArm]) -> list[list[float]]:
             time.sleep(0.1)
         for fa in clients:
             fa.wait_for_skill()
+            if fa.last_skill_result.ending != proto.TERMINATED:
+                raise FrankaArmException(f"a motion was ended: {fa.last_skill_result.message}")
     return rates
 
 

@@ -35,7 +35,7 @@ from frankapy.sim import SimulatedArm, Simulation, program, read_truth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests" / "interop"))
-from peer import environment, simulated_arm  # noqa: E402
+from peer import environment, left_out, simulated_arm  # noqa: E402
 
 HOME = np.array(FrankaConstants.HOME_JOINTS)
 RATES = [10, 20, 50, 100]
@@ -213,14 +213,11 @@ def main() -> None:
         entries |= found
         entries["stream_errors"] += errors
         for way in ("motions", "tracking"):
-            try:
+            with left_out(*PEER):
                 found, errors = peers(rate, way)
-            except (OSError, subprocess.SubprocessError) as error:
-                print(f"without {' '.join(PEER)}: {error} {getattr(error, 'stderr', '')}", file=sys.stderr)
-                continue
-            entries |= found
-            key = "stream_errors_franky" + "_motions" * (way == "motions")
-            entries[key] = entries.get(key, 0) + errors
+                entries |= found
+                key = "stream_errors_franky" + "_motions" * (way == "motions")
+                entries[key] = entries.get(key, 0) + errors
         print(rate, entries, file=sys.stderr)
     print(json.dumps(entries))
 

@@ -106,6 +106,8 @@ def main() -> None:
     entries = {"switch_discontinuities": sum(found)}
     if options.server is None and options.batches is None:
         entries["switch_discontinuities_unlimited"] = run(robots[0], UNLIMITED, range(UNLIMITED_BATCHES), None, None, until_found=True)
+        if not entries["switch_discontinuities_unlimited"]:
+            sys.exit("nothing was found of a server without limits: this would find nothing of ours either")
     print(json.dumps(entries))
 
 

@@ -29,6 +29,7 @@ FOLDER = REPOSITORY / "build" / "stages"
 prctl = ctypes.CDLL(None).prctl
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 LAST_LINES = 30
+FEW = 5  # tests that are named
 PROGRESS = 60.0  # s, after which what runs still says how far it is
 
 
@@ -62,6 +63,7 @@ NIGHTLY = [
     Stage("build", 3600),
     Stage("test-cpp", 900),
     Stage("test-python", 1200),
+    Stage("types", 120),
     Stage("test-nightly", 7200),
     Stage("wall-20", 3600),
     Stage("interop", 1800),
@@ -88,6 +90,7 @@ class Outcome:
     failed: dict[str, str] = dataclasses.field(default_factory=dict)
     again: dict[str, str] = dataclasses.field(default_factory=dict)  # needed a further try, and what they said then
     troubles: list[str] = dataclasses.field(default_factory=list)
+    skipped: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def verdict(self) -> str:
@@ -139,12 +142,12 @@ def last_lines(text: str, count: int = LAST_LINES) -> str:
     return "\n".join(line[:300] for line in text.strip().splitlines()[-count:])
 
 
-def read_junit(folder: Path) -> tuple[int, dict[str, str]]:
-    """The number of tests that ran, and what each failed one said, by name; a failure as well where none ran.
+def read_junit(folder: Path) -> tuple[int, dict[str, str], list[str]]:
+    """The number of tests that ran, what each failed one said, by name, and who was skipped; a failure as well where none ran.
 
     Of a test that is in several files the name says in how many of them it failed.
     """
-    count, failed = 0, {}
+    count, failed, skipped = 0, {}, []
     runs, failures = collections.Counter(), collections.Counter()
     for file in sorted(folder.glob("*.xml")):
         try:
@@ -154,7 +157,8 @@ def read_junit(folder: Path) -> tuple[int, dict[str, str]]:
             continue
         ran, wrong = set(), set()
         for case in cases:
-            if case.find("skipped") is not None:
+            if (why := case.find("skipped")) is not None:
+                skipped.append(f"{case.get('name')} ({why.get('message')})")
                 continue
             count += 1
             name = f"{case.get('classname', '')}.{case.get('name')}" if file.stem[:5] != "ctest" else case.get("name")
@@ -173,7 +177,7 @@ def read_junit(folder: Path) -> tuple[int, dict[str, str]]:
             failed[f"{name} ({times} of {runs[name]} times)"] = failed.pop(name)
     if count == 0 and not failed and any(folder.glob("*.xml")):
         failed["no test"] = "nothing was run: is what chooses the tests right?"
-    return count, failed
+    return count, failed, skipped
 
 
 def run_make(target: str, log: Path, junit: Path, again: bool, limit: float) -> int | None:
@@ -222,7 +226,7 @@ def run(stage: Stage) -> Outcome:
         left = 2 * stage.allowed - (time.monotonic() - start)
         try:
             status = run_make(stage.target, log, junit, count > 0, max(left, 1))
-            count, failed = read_junit(junit)
+            count, failed, outcome.skipped = read_junit(junit)
             said = last_lines(log.read_text(errors="replace")) or "its log is empty"
         except OSError as error:  # a full disk, for one
             status, count, failed, said = 1, 0, {}, str(error)
@@ -297,6 +301,9 @@ def report(outcomes: list[Outcome], seconds: float) -> None:
             print(f"this computer after {outcome.stage.target}: {trouble}")
         for name in outcome.again:
             print(f"needed a second try: {name}")
+        if outcome.skipped and not outcome.stage.target.startswith("interop"):  # there: what a peer itself cannot do
+            few = len(outcome.skipped) <= FEW
+            print(f"skipped in {outcome.stage.target}: {', '.join(outcome.skipped) if few else f'{len(outcome.skipped)} tests'}")
     failed = sum(len(o.failed) for o in outcomes)
     print(f"{sum(o.tests for o in outcomes) - failed} passed, {failed} failed")
 

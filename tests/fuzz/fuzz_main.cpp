@@ -2,6 +2,7 @@
 // of them for so long. With clang the same target links with -fsanitize=fuzzer instead of this file.
 
 #include <sys/resource.h>
+#include <sys/time.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -28,13 +29,14 @@ constexpr std::size_t kMaxSize = 16384;
 constexpr int kMaxMutations = 6;       // of one input
 constexpr long kMaxGrowth = 64 << 10;  // KiB after the first runs: memory must not grow with what is sent
 constexpr int kWarmUp = 500;           // runs
+constexpr itimerval kLongest{{}, {20, 0}};  // s of the processor, for one input: what takes longer hangs
 
 Bytes input;
 std::string target;
 
-// What is running when the program dies is kept.
+// What is running when the program dies or hangs is kept.
 void keep_input(int signal) {
-  const std::string file = "crash-" + target;
+  const std::string file = (signal == SIGPROF ? "hang-" : "crash-") + target;
   if (std::FILE* out = std::fopen(file.c_str(), "wb")) {
     std::fwrite(input.data(), 1, input.size(), out);
     std::fclose(out);
@@ -120,7 +122,7 @@ int main(int argc, char** argv) {
   target = std::filesystem::path(argv[0]).filename();
   const double seconds = argc > 2 ? std::atof(argv[2]) : 0;
   const std::uint64_t seed = argc > 3 ? std::strtoull(argv[3], nullptr, 10) : std::random_device()();
-  for (const int signal : {SIGSEGV, SIGABRT, SIGFPE, SIGILL, SIGBUS}) std::signal(signal, keep_input);
+  for (const int signal : {SIGSEGV, SIGABRT, SIGFPE, SIGILL, SIGBUS, SIGPROF}) std::signal(signal, keep_input);
 
   std::vector<std::filesystem::path> files;
   for (const auto& entry : std::filesystem::directory_iterator(argv[1])) files.push_back(entry.path());
@@ -138,6 +140,7 @@ int main(int argc, char** argv) {
   std::fprintf(stderr, "seed %llu\n", static_cast<unsigned long long>(seed));
   const auto run = [](Bytes bytes) {
     input = std::move(bytes);
+    ::setitimer(ITIMER_PROF, &kLongest, nullptr);
     LLVMFuzzerTestOneInput(input.data(), input.size());
   };
   for (const Bytes& bytes : corpus) run(bytes);

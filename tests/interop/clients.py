@@ -1,4 +1,4 @@
-"""Independent programs as clients of the simulated arm; writes docs/clients.md."""
+"""Independent programs as clients of the simulated arm; docs/clients.md says what each does."""
 
 import dataclasses
 import functools
@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from peer import NOT_INSTALLED, REPOSITORY, Result, free_address, run_installed
+from peer import NOT_INSTALLED, REPOSITORY, Result, free_address, run_installed, tabled
 from world import World
 
 SCRIPTS = REPOSITORY / "tests" / "interop" / "clients"
@@ -92,7 +92,7 @@ def try_client(client: Client, python: Path, program: Path, mode: str) -> Iterat
         arm.wait(10)
 
 
-def write_table(results: list[Result]) -> None:
+def table(results: list[Result]) -> str:
     """What each client has done."""
     cells = {(result.capability, result.peer): "yes" if result.ok else result.excuse or "fails" for result in results}
     peers = [client.peer for client in CLIENTS]
@@ -115,7 +115,7 @@ def write_table(results: list[Result]) -> None:
     ]
     for capability in dict.fromkeys(result.capability for result in results):
         lines.append(f"| {capability} | {' | '.join(cells.get((capability, peer), '') for peer in peers)} |")
-    TABLE.write_text("\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 def try_modes(client: Client, program: Path, modes: Iterable[str], python: Path) -> Iterator[Result]:
@@ -124,8 +124,9 @@ def try_modes(client: Client, program: Path, modes: Iterable[str], python: Path)
         yield from try_client(client, python, program, mode)
 
 
-def run(build: Path, modes: Iterable[str] = MODES) -> Iterator[Result]:
-    """Every client, with the arm in real time and in lockstep."""
+def run(build: Path, lockstep: bool) -> Iterator[Result]:
+    """Every client, with the arm in real time and in lockstep, or in lockstep alone, where the table has to be as it is."""
+    modes = ["lockstep"] if lockstep else MODES
     program = build / "bin" / "fci-sim"
     results = []
     for client in CLIENTS:
@@ -133,4 +134,4 @@ def run(build: Path, modes: Iterable[str] = MODES) -> Iterator[Result]:
             results.append(result)
             yield result
     if not any(result.capability == NOT_INSTALLED for result in results):
-        write_table([result for result in results if result.mode == "lockstep"])
+        yield from tabled(TABLE, table([result for result in results if result.mode == "lockstep"]), write=not lockstep)

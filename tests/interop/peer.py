@@ -45,6 +45,23 @@ def run_installed(name: str, version: str, run: Callable[[Path], Iterable[Result
     yield from run(python)
 
 
+def tabled(file: Path, text: str, write: bool) -> Iterator[Result]:
+    """Write a table of docs/, or see that it is the one that is there."""
+    if write:
+        file.write_text(text)
+    else:
+        yield Result("all", "lockstep", f"docs/{file.name}", file.read_text() == text, "it says something else: `make interop` writes it anew")
+
+
+@contextlib.contextmanager
+def left_out(name: str, version: str) -> Iterator[None]:
+    """Go on without what is measured of a program that is not installed and cannot be, or that fails."""
+    try:
+        yield
+    except (OSError, subprocess.SubprocessError) as error:
+        print(f"without {name} {version}: {error} {getattr(error, 'stderr', None) or ''}", file=sys.stderr)
+
+
 def environment(name: str, version: str) -> Path:
     """The Python of a virtual environment with a program, as pinned in peers/; made when it is not there yet.
 

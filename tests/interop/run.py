@@ -49,8 +49,8 @@ def run_module(name: str, arguments: argparse.Namespace) -> Iterator[tuple[Resul
         return
     last = time.monotonic()
     try:
-        modes = {"modes": ["lockstep"]} if arguments.lockstep and name == "clients" else {}
-        for result in MODULES[name].run(arguments.build, **modes):
+        lockstep = {"lockstep": arguments.lockstep} if name in ("clients", "errors") else {}
+        for result in MODULES[name].run(arguments.build, **lockstep):
             now = time.monotonic()
             yield result, now - last
             last = now

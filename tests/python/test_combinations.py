@@ -1,27 +1,89 @@
 """Skills of any parts: combinations that the rule allows move the arm as the truth says; each other is refused with what fits."""
 
 import random
+from contextlib import nullcontext
 
+import numpy as np
 import part_combinations
 import pytest
-from part_combinations import HOME, SHIFT, fits, moves_as_told, parts_of
+from draw import is_led
+from google.protobuf.message import Message
+from judge import clearance
+from part_combinations import GOAL, HOME, SHIFT, STAY, fits, is_stream, moves_as_told, parts_of
 
-from frankapy import FrankaArmArgumentError, parts
-from frankapy.parts import MinJerkJoint, StayJoint
+from frankapy import FrankaArmArgumentError, RigidTransform, parts, proto
+from frankapy.parts import MinJerkJoint, Never, StayJoint, Time
+from frankapy.walls import Plane
 
 ALL = part_combinations.combinations()
 FITTING = [each for each in ALL if fits(*each)]
 
 
+def drawn(part: int, seed: str) -> list[part_combinations.Combination]:
+    """Return one for each trajectory (part 0) or controller (1), of those that fit."""
+    draw = random.Random(seed)
+    return [draw.choice([each for each in FITTING if each[part] == name]) for name in dict.fromkeys(each[part] for each in ALL)]
+
+
 @pytest.mark.parametrize(("robot", "part"), [("fer", 0), ("fr3", 1)], ids=["trajectories-fer", "controllers-fr3"])
 def test_combinations_that_fit_move_the_arm_as_told(start, robot, part):
     """Each trajectory, and on the other arm each controller, once, with any that fits."""
-    draw = random.Random(robot)
-    drawn = [draw.choice([each for each in FITTING if each[part] == name]) for name in dict.fromkeys(each[part] for each in ALL)]
     arm = start(robot=robot, ideal=True)
     with arm.client() as fa:
-        for each in drawn:
+        for each in drawn(part, robot):
             moves_as_told(arm.simulation, fa, *each)
+
+
+def heard(goal: RigidTransform) -> dict[str, Message]:
+    """Return what leads each stream of motions to or through GOAL and that pose."""
+    pose = {"position": goal.translation, "quaternion": goal.quaternion}
+    return {
+        "StreamJoint": proto.JointPositionSensorMessage(joints=GOAL),
+        "StreamJointVelocity": proto.JointVelocitySensorMessage(joint_velocities=GOAL - HOME),
+        "StreamPose": proto.PosePositionSensorMessage(**pose),
+        "StreamForcePosition": proto.ForcePositionSensorMessage(pose=goal.matrix.T.ravel(), force=[0] * 6),
+        "StreamCartesianVelocity": proto.CartesianVelocitySensorMessage(cartesian_velocities=[*SHIFT, 0, 0, 0]),
+    }
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("part", [0, 1], ids=["trajectories", "controllers"])
+@pytest.mark.parametrize("robot", ["fer", "fr3"])
+def test_whatever_moves_stops_before_a_wall_that_comes_across_its_way(start, robot, part):
+    """Each trajectory, and each controller, once, with any that fits; an arm that follows forces is pushed."""
+    arm = start(robot=robot, ideal=True, truth=True)
+    with arm.client() as fa:
+        for trajectory, controller, robot_controller in drawn(part, f"{robot} walled"):
+            what = f"{trajectory} with {controller} in {robot_controller}"
+            fa.walls.clear()
+            fa.run(MinJerkJoint(HOME, 1))
+            arm.end_motion(fa)
+            goal = fa.get_pose(include_tool_offset=False)
+            goal.translation = goal.translation + SHIFT
+            motion, law = parts_of(trajectory, controller, goal)
+            streams = trajectory in heard(goal)
+            if streams:
+                motion.topic, motion.timeout = "way", 60
+            nearest = clearance(Plane([0, -1, 0], [0, 0, 0]), HOME)
+            glass = Plane([0, -1, 0], [0, 0.02 - nearest, 0])
+            first = arm.cycle()
+            with arm.standing_still(), fa.publisher("way") if streams else nullcontext() as publisher:
+                fa.run(motion, law, Never(), robot_controller=robot_controller, block=False)
+                arm.simulation.step(50)
+                fa.walls.add("glass", glass)
+                if streams:
+                    publisher.publish(heard(goal)[trajectory])
+                if is_led(controller.split()[0]):
+                    arm.simulation.push([0, 12, 0, 0, 0, 0], duration=3)
+                for _ in range(4):
+                    arm.simulation.step(1000)
+            fa.change(until=Time(0))
+            fa.wait_for_skill()
+            rows = arm.truth(first)["q"][::10]
+            assert min(clearance(glass, q) for q in rows) > 0, what
+            if trajectory not in STAY or is_led(controller.split()[0]):
+                assert fa.last_skill_result.wall == "glass", what
 
 
 @pytest.mark.nightly

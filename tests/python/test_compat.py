@@ -759,3 +759,8 @@ def test_a_script_may_forget_its_skill_and_send_another(fa):
     fa._in_skill = False
     fa.stop_skill()
     assert fa.is_skill_done()
+    fa.goto_joints(HOME + 0.1, 20, block=False, ignore_virtual_walls=True)
+    fa._in_skill = False
+    assert not fa._in_skill
+    fa.goto_joints(HOME, 1)  # takes over
+    np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.002)

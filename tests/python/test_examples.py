@@ -62,6 +62,18 @@ def led(simulation):
     person.join()
 
 
+def test_the_readmes_scripts_run_one_after_the_other(start, monkeypatch, capsys):
+    arm = start()
+    monkeypatch.setenv("FRANKA_INTERFACE_SERVER", arm.server)
+    scripts = re.findall(r"^```python\n(.*?)^```", (REPOSITORY / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    assert len(scripts) > 9
+    variables: dict = {}
+    with led(arm.simulation):
+        for script in scripts:
+            exec(compile(script, "README.md", "exec"), variables)
+    variables["fa"].close()
+
+
 PLATE = REPOSITORY / "sim" / "scenes" / "plate.xml"
 SCENE = REPOSITORY / "sim" / "scenes" / "table_with_block.xml"
 PICTURES = {"recording.py": ["recording.png"], "imitation.py": ["imitation.png"]}

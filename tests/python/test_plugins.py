@@ -289,6 +289,40 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+PUBLISHES = """
+#include "client/sensor_publisher.hpp"
+#include "frankapy/proto/sensors.pb.h"
+
+int main(int, char** arguments) {
+  client::SensorPublisher publisher("policy", arguments[1]);
+  frankapy::proto::JointPositionSensorMessage message;
+  for (const double q : {0., -0.785, 0., -2.356, 0., 1.571, 0.785}) message.add_joints(q);
+  for (int i = 0; i < 50; ++i) publisher.publish(message);
+}
+"""
+PUBLISHER_BUILD = """
+cmake_minimum_required(VERSION 3.25)
+project(publishes LANGUAGES CXX)
+find_package(franka-interface REQUIRED)
+add_executable(publishes main.cpp)
+target_link_libraries(publishes PRIVATE franka-interface::client)
+enable_testing()
+"""
+
+
+@pytest.mark.nightly
+def test_a_program_in_cpp_is_built_with_the_package_and_publishes(tmp_path):
+    (tmp_path / "main.cpp").write_text(PUBLISHES)
+    (tmp_path / "CMakeLists.txt").write_text(PUBLISHER_BUILD)
+    built = build(tmp_path, package_folder())
+    with Simulation(SimulatedArm(lockstep=True)) as simulation, FrankaArm(server=simulation.server) as fa:
+        run(built / "publishes", simulation.server)
+        deadline = time.monotonic() + 60
+        while "policy" not in fa.topics() or fa.topics()["policy"].received < 50:
+            assert time.monotonic() < deadline
+        assert fa.topics()["policy"].lost == 0
+
+
 def test_a_part_is_built_against_the_installed_package_and_runs_in_the_installed_server(build_folder, monkeypatch):
     run("cmake", "--install", REPOSITORY / "build", "--prefix", build_folder / "prefix")
     headers = build_folder / "prefix" / "include" / "franka-interface"

@@ -92,7 +92,11 @@ class Stages:
     @property
     def left_over(self) -> bool:
         """Whether the process that a stage has started is still there."""
-        return Path(f"/proc/{(self.folder / 'pid').read_text().strip()}").exists()
+        try:
+            status = Path(f"/proc/{(self.folder / 'pid').read_text().strip()}/stat").read_text()
+        except OSError:
+            return False
+        return status.rpartition(")")[2].split()[0] != "Z"  # of one that has ended and whom nobody asks for
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from frankapy import (
+    FrankaArm,
     FrankaArmArgumentError,
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
@@ -42,6 +43,7 @@ from frankapy.parts import (
     Time,
     TimeOptimalJoint,
 )
+from frankapy.sim import SimulatedArm, Simulation
 
 HOME = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 NEAR = HOME + [0.1, -0.1, 0.1, 0.1, -0.1, 0.1, 0.1]
@@ -272,15 +274,23 @@ def test_poses_forces_and_gains_that_are_published_are_followed(fa):
     assert fa.last_skill_result.termination == "SensorSays"
 
 
-def test_a_spring_becomes_stiffer_over_its_topic(fa):
-    fa.run(StayPose(1000), CartesianImpedance(20, 50, topic="spring"), Never(), block=False)
+def test_a_spring_becomes_stiffer_over_its_topic(ideal_arm, fa):
+    def yields() -> float:
+        return up - fa.get_pose(include_tool_offset=False).translation[2]
+
+    up = fa.get_pose(include_tool_offset=False).translation[2]
+    fa.run(StayPose(1000), CartesianImpedance(200, 50, topic="spring"), Never(), block=False)
+    ideal_arm.simulation.push([0, 0, -6, 0, 0, 0], duration=3600)
     with fa.publisher("spring") as publisher:
+        wait_for(fa, lambda: yields() > 0.028)  # 6 N / 200 N/m
         publisher.publish(proto.CartesianImpedanceSensorMessage(translational_stiffnesses=[1500] * 3, rotational_stiffnesses=[100] * 3))
-        wait_for(fa, lambda: "spring" in fa.topics() and fa.topics()["spring"].received == 1)
+        wait_for(fa, lambda: yields() < 0.008)  # 6 N / 1500 N/m, and what the arm had yielded before the skill began
+        assert fa.topics()["spring"].received == 1
         with pytest.raises(FrankaArmArgumentError, match="translational_stiffnesses.* is 9000"):
             publisher.publish(
                 proto.CartesianImpedanceSensorMessage(translational_stiffnesses=[9000] * 3, rotational_stiffnesses=[50] * 3)
             )
+    ideal_arm.simulation.push([0] * 6, duration=0)
     fa.stop_skill()
     assert fa.last_skill_result.ending == proto.STOPPED
 
@@ -829,7 +839,7 @@ def test_an_arm_that_was_led_stays_where_it_is_when_it_is_held_again(ideal_arm, 
 def test_a_change_keeps_what_is_not_given_wherever_the_arm_is(fa):
     """Samples begin where the arm was, and a change of another part does not ask for that again."""
     samples = HOME + np.linspace(0, 1, 3000)[:, None] * (NEAR - HOME) * 5
-    fa.run(JointSamples(samples), JointImpedance(), speed=0.01, block=False)
+    fa.run(JointSamples(samples), JointImpedance(), speed=0.05, block=False)
     wait_for(fa, lambda: np.abs(fa.get_joints() - HOME).max() > 0.15)
     fa.change(controller=JointImpedance())
     assert not fa.is_skill_done()
@@ -849,11 +859,11 @@ def test_a_part_that_was_replaced_listens_no_more(fa):
 
 
 def test_a_while_after_the_trajectory_is_after_the_one_that_it_has_now(fa):
-    fa.run(MinJerkJoint(NEAR, 0.5), JointImpedance(), Time(after_trajectory=60), block=False)
-    wait_for(fa, lambda: fa.get_arm_state().skill_time > 5)
-    fa.change(trajectory=MinJerkJoint(HOME, 10))
+    fa.run(MinJerkJoint(NEAR, 0.5), JointImpedance(), Time(after_trajectory=20), block=False)
+    wait_for(fa, lambda: fa.get_arm_state().skill_time > 3)
+    fa.change(trajectory=MinJerkJoint(HOME, 5))
     fa.wait_for_skill()
-    assert fa.last_skill_result.time > 74
+    assert fa.last_skill_result.time > 27.9
     np.testing.assert_allclose(fa.get_joints(), HOME, atol=5e-3)
 
 
@@ -935,6 +945,22 @@ def test_a_skill_begins_at_its_start_time(fa):
     fa.stop_skill()
     assert fa.last_skill_result.ending == proto.STOPPED
     np.testing.assert_allclose(fa.get_joints(), NEAR, atol=1e-3)
+
+
+@pytest.mark.wall
+def test_two_arms_begin_together():
+    with Simulation(SimulatedArm(ideal=True, arms=2)) as simulation:
+        arms = [FrankaArm(server=simulation.server, robot_num=number) for number in (1, 2)]
+        at = time.time() + 1
+        for fa in arms:
+            fa.run(StayJoint(0.3), JointImpedance(), start_time=at, block=False)
+        began = []
+        for fa in arms:
+            fa.wait_for_skill()
+            began.append(fa.last_skill_result.first_command_ns * 1e-9 - time.monotonic() + time.time())
+            fa.close()
+    assert abs(began[0] - began[1]) < 0.01
+    assert -0.001 < began[0] - at < 0.02
 
 
 def test_a_change_waits_for_a_skill_that_has_not_begun(fa):

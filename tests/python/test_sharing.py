@@ -20,11 +20,13 @@ from frankapy import (
     FrankaArmBusyException,
     FrankaArmCommException,
     FrankaArmException,
+    SensorPublisher,
     connection,
     proto,
 )
 from frankapy.connection import list_arms
-from frankapy.sim import SimulatedArm, Simulation, program
+from frankapy.parts import InternalImpedance, Never, StreamJoint
+from frankapy.sim import SimulatedArm, Simulation, free_address, program
 from frankapy.walls import Sphere
 
 LONG = 1000  # s of the robot's clock; in lockstep, many seconds of ours
@@ -208,6 +210,25 @@ def test_a_computer_that_stands_still_for_a_while_makes_nobody_look_as_if_it_hun
         time.sleep(1)
         assert is_moving(fa)
         assert list_arms(arm.server)[0].starts == starts
+        fa.stop_skill()
+
+
+def test_a_publisher_finds_a_server_that_was_started_anew_and_so_does_who_waits_for_it(tmp_path):
+    arm = SimulatedArm(lockstep=True, ideal=True, address=free_address())
+    with Simulation(arm) as simulation:
+        port = int(simulation.server.rpartition(":")[2])
+        fa, publisher = FrankaArm(server=simulation.server), SensorPublisher("goal", server=simulation.server)
+        publisher.publish(proto.JointPositionSensorMessage(joints=GOAL))
+    with pytest.raises(FrankaArmCommException):
+        while True:  # that the other end is gone is known a moment later
+            publisher.publish(proto.JointPositionSensorMessage(joints=GOAL))
+            time.sleep(0.01)
+    with pytest.raises(FrankaArmCommException):
+        fa.wait_for_franka_interface(0.1)
+    with Simulation(arm, port=port), fa, publisher:
+        fa.wait_for_franka_interface(60)
+        fa.run(StreamJoint("goal", delay=0, timeout=0), InternalImpedance(), Never(), block=False)
+        wait_until(lambda: publisher.publish(proto.JointPositionSensorMessage(joints=GOAL)) or np.abs(fa.get_joints() - GOAL).max() < 0.01)
         fa.stop_skill()
 
 

@@ -15,7 +15,7 @@ import pytest
 import zmq
 from conftest import server_processes
 
-from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, channel, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmCommException, FrankaArmException, FrankaConstants, channel, cli, proto
 from frankapy.programs import Child
 from frankapy.sim import (
     CONTROL_PORT,
@@ -155,6 +155,33 @@ def test_a_port_that_is_taken_is_told_with_by_whom(sim, monkeypatch):
         monkeypatch.setattr(channel, "SILENCE", 1.0)
         with pytest.raises(FrankaArmException, match="is taken, by another program"):
             Simulation(port=stranger.getsockname()[1])
+
+
+def test_the_command_starts_an_arm_that_its_own_words_reach_and_ends_with_ctrl_c(monkeypatch):
+    command = [sys.executable, "-m", "frankapy.cli", "sim", "--port", "0", "--lockstep", "--ideal", "--robot", "fer"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            told = "".join(iter(process.stdout.readline, "Ctrl-C ends the arm and the server.\n"))
+            assert "arm 1: simulated FER" in told
+            variables: dict = {}
+            lines = [line.strip() for line in told.splitlines() if line.startswith("    ")]
+            exec("\n".join(lines), variables)
+            assert "FER at 127." in repr(variables["fa"])
+            np.testing.assert_allclose(variables["fa"].get_joints(), HOME, atol=0.01)
+            variables["fa"].close()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(60) == 0
+        finally:
+            process.kill()
+
+
+def test_the_doctor_says_what_is_wrong_and_what_to_do(sim, capsys):
+    assert cli.main(["doctor", "--server", sim.server, "--robot", sim.addresses[0]]) in (0, 1)  # this computer may be slow
+    told = capsys.readouterr().out
+    assert f"robot {sim.addresses[0]}" in told and "port 1337 answers" in told and "arm arm1" in told
+    assert cli.main(["doctor", "--server", sim.server, "--robot", "127.200.200.200"]) == 1
+    told = capsys.readouterr().out
+    assert "port 1337: Connection refused" in told and "in Desk, open the brakes and activate FCI" in told
 
 
 def test_an_address_that_is_taken_is_told(sim):

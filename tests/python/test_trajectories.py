@@ -368,5 +368,8 @@ def test_a_velocity_without_an_acceleration_is_reached_as_fast_as_the_joints_can
     with arm.client() as fa:
         for axis in range(3):
             fa.run(MinJerkJoint(HOME, 1))
+            first = arm.cycle()
             result = fa.run(CartesianVelocity(0.1 * np.eye(6)[axis], duration=0.5), InternalImpedance())
             assert (result.ending, result.limited_cycles, result.stretch) == (proto.TERMINATED, 0, 1)  # it is what was asked for
+            speed = 1000 * np.diff(arm.truth(first)["O_T_TCP"][:, 12 + axis])
+            assert 0.099 < speed.max() < 0.102

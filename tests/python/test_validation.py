@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from google.protobuf.struct_pb2 import Struct
+from google.protobuf.timestamp_pb2 import Timestamp
 
 from frankapy import FrankaArmArgumentError, proto
 from frankapy.validation import number, validate, vector
@@ -38,6 +40,8 @@ GOOD = [
     proto.JointImpedance(),
     proto.CartesianImpedance(),
     proto.InternalImpedance(),
+    Timestamp(seconds=1),  # of proto3: has no presence
+    Struct(fields={}),  # with a map
     proto.FinalJoint(),
     proto.Time(after_trajectory=0),
 ]

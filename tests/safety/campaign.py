@@ -41,8 +41,8 @@ LONGEST = 1800  # s of the wall, for a run
 ROOM = 4e9  # bytes, that the runs at a time may take
 SHRINKING = 1200  # s of the wall, for making one shorter
 WORKERS = 2 * (os.cpu_count() or 1)  # an arm and its loop take turns, and their client mostly waits
-GATE = range(13000, 13016)  # what every change has to pass: some minutes, simulated
-GATE_LONGEST = 100  # s of the wall, for one of these
+GATE = range(13004, 13014)  # what every change has to pass: some minutes, simulated, with events of every kind
+GATE_LONGEST = 200  # s of the wall, for one of these
 _FORK = multiprocessing.get_context("fork")
 
 
