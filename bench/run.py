@@ -2,8 +2,8 @@
 
 A program is a bench/*.cpp (built to build/bench/<name>) or another bench/*.py. It may print what it likes on stderr; the
 last line of its stdout is a flat JSON object {"name_of_entry": number}. Programs run one after another and alone,
-since they measure time. One that counts what may not happen has failed. Names given as arguments run only these, and leave the other entries of build/bench.json; without
-any, those of the campaign stay, which is no program of bench/.
+since they measure time. One that counts what may not happen has failed. Names given as arguments run only these, and
+leave the other entries of build/bench.json; without any, those of the campaign stay, which is no program of bench/.
 """
 
 import json

@@ -25,6 +25,7 @@ _RATE = 1000  # Hz, of the arm
 _ALL = b"1\0"  # the subscription to all of every state
 _NEW = 0.003  # s, of a published state that counts as now
 _PATIENCE = 5.0  # s without a state, after which none is waited for
+_LEAST_PATIENCE = 1.0  # s: a computer that stands still for less is no server that has gone
 _BEGIN = 2.0  # s, to wait at most for the first of the states that are asked for
 _SOON = 0.05  # s, between reads for which states are listened to
 _CARTESIAN_MODES = (3, 4)  # of RobotState.motion_generator_mode: pose and velocity
@@ -76,8 +77,9 @@ class StateStream:
     ) -> None:
         """Subscribe at `endpoint` (Welcome.state_endpoint), with the key of the connection.
 
-        Iteration ends after `timeout` (s) without a state, or where that is longer two of them at that rate. `rate` (1/s) is 1000, or that divided by a whole number; `fields`
-        are those that are sent ("robot.q", "phase"), none: all. Raises FrankaArmArgumentError for others.
+        Iteration ends after `timeout` (s) without a state, or where that is longer two of them at that rate. `rate` (1/s) is
+        1000, or that divided by a whole number; `fields` are those that are sent ("robot.q", "phase"), none: all. Raises
+        FrankaArmArgumentError for others.
         """
         every = round(_RATE / rate) if 0 < rate <= _RATE else 0
         if every == 0 or abs(_RATE / every - rate) > 1e-3 * rate:
@@ -191,7 +193,7 @@ def wait_for(
     if not callable(condition):
         raise FrankaArmArgumentError(f"condition is {condition!r}: expected a function of a state that returns True or False")
     deadline = math.inf if timeout is None else time.monotonic() + timeout
-    patience = _PATIENCE if timeout is None else min(_PATIENCE, max(timeout, _SOON))
+    patience = _PATIENCE if timeout is None else min(_PATIENCE, max(timeout, _LEAST_PATIENCE))
     with StateStream(endpoint, patience, key=key) as states:
         for state in states:
             if condition(state):

@@ -3,13 +3,12 @@
 import random
 from contextlib import nullcontext
 
-import numpy as np
 import part_combinations
 import pytest
 from draw import is_led
 from google.protobuf.message import Message
 from judge import clearance
-from part_combinations import GOAL, HOME, SHIFT, STAY, fits, is_stream, moves_as_told, parts_of
+from part_combinations import GOAL, HOME, SHIFT, STAY, fits, moves_as_told, parts_of
 
 from frankapy import FrankaArmArgumentError, RigidTransform, parts, proto
 from frankapy.parts import MinJerkJoint, Never, StayJoint, Time

@@ -62,7 +62,7 @@ def led(simulation):
     person.join()
 
 
-def test_the_readmes_scripts_run_one_after_the_other(start, monkeypatch, capsys):
+def test_the_readmes_scripts_run_one_after_the_other(start, monkeypatch):
     arm = start()
     monkeypatch.setenv("FRANKA_INTERFACE_SERVER", arm.server)
     scripts = re.findall(r"^```python\n(.*?)^```", (REPOSITORY / "README.md").read_text(), re.MULTILINE | re.DOTALL)

@@ -213,7 +213,7 @@ def test_a_computer_that_stands_still_for_a_while_makes_nobody_look_as_if_it_hun
         fa.stop_skill()
 
 
-def test_a_publisher_finds_a_server_that_was_started_anew_and_so_does_who_waits_for_it(tmp_path):
+def test_a_publisher_finds_a_server_that_was_started_anew_and_so_does_who_waits_for_it():
     arm = SimulatedArm(lockstep=True, ideal=True, address=free_address())
     with Simulation(arm) as simulation:
         port = int(simulation.server.rpartition(":")[2])

@@ -157,7 +157,7 @@ def test_a_port_that_is_taken_is_told_with_by_whom(sim, monkeypatch):
             Simulation(port=stranger.getsockname()[1])
 
 
-def test_the_command_starts_an_arm_that_its_own_words_reach_and_ends_with_ctrl_c(monkeypatch):
+def test_the_command_starts_an_arm_that_its_own_words_reach_and_ends_with_ctrl_c():
     command = [sys.executable, "-m", "frankapy.cli", "sim", "--port", "0", "--lockstep", "--ideal", "--robot", "fer"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
