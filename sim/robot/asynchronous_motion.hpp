@@ -4,6 +4,7 @@
 #include <ruckig/ruckig.hpp>
 
 #include "models/arm.hpp"
+#include "sim/robot/dt.hpp"
 
 namespace sim {
 
@@ -25,7 +26,7 @@ class AsynchronousMotion {
  private:
   const models::Limits* limits_ = nullptr;
   models::Vector7 maximum_velocity_{};
-  ruckig::Ruckig<7> generator_{0.001};
+  ruckig::Ruckig<7> generator_{kDt};
   ruckig::InputParameter<7> input_;
   ruckig::OutputParameter<7> output_;
   bool arrived_ = true;

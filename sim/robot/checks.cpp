@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "models/joint_figures.hpp"
+#include "sim/robot/dt.hpp"
 #include "sim/robot/rotation.hpp"
 #include "sim/robot/transform.hpp"
 
@@ -12,8 +13,6 @@ namespace {
 using fci::Error;
 using fci::Errors;
 using Mode = fci::MotionGeneratorMode;
-
-constexpr double kDt = 0.001;  // s
 
 // From system 5.7.2 on, errors 12 and 27 stay false: `joint_position_limits_violation` replaces them (libfranka's changelog,
 // 0.15.0).

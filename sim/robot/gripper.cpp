@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "models/arm.hpp"
+#include "sim/robot/dt.hpp"
 
 namespace sim {
 namespace {
@@ -11,8 +12,6 @@ namespace {
 using models::hand::kMaxForce;
 using models::hand::kMaxSpeed;
 using models::hand::kMaxWidth;
-
-constexpr double kDt = 0.001;  // s
 
 // Data sheet of the hand: beside the force that it can exert for ever.
 constexpr double kPeakForce = 140;  // N

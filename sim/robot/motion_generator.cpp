@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
+#include "sim/robot/dt.hpp"
 #include "sim/robot/rotation.hpp"
 
 namespace sim {
@@ -11,8 +12,6 @@ namespace {
 using Vector7 = Eigen::Matrix<double, 7, 1>;
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using Mode = fci::MotionGeneratorMode;
-
-constexpr double kDt = 0.001;  // s
 
 }  // namespace
 

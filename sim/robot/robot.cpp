@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "sim/robot/dt.hpp"
 #include "sim/robot/low_pass.hpp"
 #include "sim/robot/rotation.hpp"
 #include "sim/robot/transform.hpp"
@@ -17,8 +18,6 @@ using fci::Status;
 using Mode = fci::MotionGeneratorMode;
 using Vector = Eigen::Matrix<double, 7, 1>;
 using Wrench = Eigen::Matrix<double, 6, 1>;
-
-constexpr double kDt = 0.001;  // s
 
 // Version from which on there are statuses for safety functions.
 constexpr fci::Version kSafetyStatuses = 6;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 
+#include "sim/robot/dt.hpp"
 #include "sim/robot/joint_figures.hpp"
 #include "sim/robot/low_pass.hpp"
 #include "sim/robot/rotation.hpp"
@@ -10,9 +11,8 @@
 namespace sim {
 namespace {
 
-constexpr double kDt = 0.001;             // s
 constexpr double kTorqueRateFilter = 100;  // Hz, of dtau_J; not published
-constexpr double kGravity = 9.81;         // m/s²
+constexpr double kGravity = 9.81;          // m/s²
 
 }  // namespace
 
