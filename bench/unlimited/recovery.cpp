@@ -29,7 +29,7 @@ void Recovery::after_error(const realtime::SkillResult&, const realtime::Record&
   answer(only_said(record));
 }
 void Recovery::after(realtime::Ending) {}
-void Recovery::ask(const proto::Recover&, const realtime::Record& now, Answer answer) { answer(only_said(now)); }
+void Recovery::ask(const proto::Recover&, bool, const realtime::Record& now, Answer answer) { answer(only_said(now)); }
 void Recovery::take_results() {}
 void Recovery::stop() {}
 void Recovery::abandon(const std::string&) {}

@@ -31,6 +31,8 @@ std::string address_of(const std::string& server) {
   return address.find(':') == std::string::npos ? address + ":5757" : address;
 }
 
+bool is_this_computer(const std::string& address) { return address.starts_with("127.") || address.starts_with("localhost:"); }
+
 // An endpoint as seen from here: 0.0.0.0 stands for the host under which the server was reached.
 std::string reachable(std::string endpoint, const std::string& address) {
   const std::string all = "://0.0.0.0:";
@@ -45,8 +47,11 @@ struct Server {
   std::int64_t way_ns;   // half of the shortest round trip
 };
 
-Server find(zmq::context_t& context, const std::string& server, int robot_num, const std::optional<Key>& key) {
-  const std::string address = address_of(server);
+struct NoAnswer : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+Server find(zmq::context_t& context, const std::string& address, int robot_num, const std::optional<Key>& key) {
   zmq::socket_t socket(context, zmq::socket_type::dealer);
   socket.set(zmq::sockopt::linger, 0);
   socket.set(zmq::sockopt::rcvtimeo, kSilence);
@@ -67,8 +72,8 @@ Server find(zmq::context_t& context, const std::string& server, int robot_num, c
     socket.send(zmq::buffer(question), zmq::send_flags::none);
     zmq::message_t answer;
     if (!socket.recv(answer) || !reply.ParseFromArray(answer.data(), static_cast<int>(answer.size())) || !reply.has_arms()) {
-      throw std::runtime_error("no franka-interface answers at " + address + ": does it run there" +
-                               (key ? ", with keys, and does it know the one of " + key->file() + "?" : ", without keys? There is none here"));
+      throw NoAnswer("no franka-interface answers at " + address + ": does it run there" +
+                     (key ? ", with keys, and does it know the one of " + key->file() + "?" : ", without keys? There is none here"));
     }
     shortest = std::min<std::chrono::nanoseconds>(shortest, std::chrono::steady_clock::now() - begin);
   }
@@ -106,8 +111,16 @@ SensorPublisher::SensorPublisher(const std::string& topic, const std::string& se
   }
   socket_->push.set(zmq::sockopt::linger, kLinger);
   socket_->push.set(zmq::sockopt::sndhwm, kSendQueue);
-  const std::optional<Key> own = Key::find(key);
-  const Server found = find(socket_->context, server, robot_num, own);
+  const std::string address = address_of(server);
+  std::optional<Key> own = Key::find(key);
+  Server found;
+  try {
+    found = find(socket_->context, address, robot_num, own);
+  } catch (const NoAnswer&) {
+    if (!own || !key.empty() || !is_this_computer(address)) throw;
+    own.reset();
+    found = find(socket_->context, address, robot_num, own);
+  }
   if (own) own->use_for(socket_->push);
   way_ns_ = found.way_ns;
   socket_->push.connect(found.endpoint);

@@ -20,8 +20,9 @@ class SensorPublisher {
  public:
   // `server`: host or host:port of franka-interface; empty: $FRANKA_INTERFACE_SERVER, else 127.0.0.1:5757. Arms count from 1, in
   // the order of the server's configuration. `key`: the file of a key, where the server has keys (docs/keys.md); empty:
-  // $FRANKAPY_KEY, else frankapy/key.json in the user's configuration if that is there. Throws std::invalid_argument for a bad
-  // name, number or file, std::runtime_error when there is no server, it lets this key not in, or the arm is not ready.
+  // $FRANKAPY_KEY, else frankapy/key.json in the user's configuration if that is there; such a key is left out, after 3 s, where a
+  // server on this computer has none: a simulated arm beside the arms of a lab. Throws std::invalid_argument for a bad name, number
+  // or file, std::runtime_error when there is no server, it lets this key not in, or the arm is not ready.
   explicit SensorPublisher(const std::string& topic, const std::string& server = "", int robot_num = 1, const std::string& key = "");
   // Sends what is left, for at most a second.
   ~SensorPublisher();

@@ -89,8 +89,9 @@ void Recovery::after(realtime::Ending ending) {
   if (ending == realtime::Ending::kTerminated) in_a_row_ = 0;
 }
 
-void Recovery::ask(const proto::Recover& recover, const realtime::Record& now, Answer answer) {
+void Recovery::ask(const proto::Recover& recover, bool stopped, const realtime::Record& now, Answer answer) {
   const bool by_itself = recover.has_under();
+  if (!until_back_.empty()) return until_back_.push_back({std::move(answer), by_itself, now_ns()});
   if (now.phase == realtime::Phase::kError) {
     const Cause cause = cause_of(now);
     const Who who = by_itself ? std::min(who_may(cause), who_may(cause, recover.under())) : who_may(cause);
@@ -98,6 +99,7 @@ void Recovery::ask(const proto::Recover& recover, const realtime::Record& now, A
     if (!may || hand_on(now.state.robot_mode) != proto::NO_OBSTACLE) return answer(not_recovered(now, who));
   }
   start(std::move(answer), by_itself, now, now_ns());
+  stopped_ |= stopped;
 }
 
 void Recovery::stop() {
@@ -149,15 +151,14 @@ void Recovery::take_results() {
       const int i = joint - 1;
       q[i] = std::clamp(q[i], realtime::rest_min(*limits, i) + kInside, realtime::rest_max(*limits, i) - kInside);
     }
-    moving_back_ = true;
-    move_back_(q, [this, waiting = std::move(waiting), out, what = text(joints)](const std::string& why_not) mutable {
-      moving_back_ = false;
+    until_back_ = std::move(waiting);
+    move_back_(q, [this, out, what = text(joints)](const std::string& why_not) mutable {
       if (!why_not.empty()) {
         out.Clear();
         out.set_obstacle(proto::OUTSIDE_JOINT_LIMITS);
         out.set_message(fmt::format("{}, and was not moved back: {}", what, why_not));
       }
-      finish(std::move(waiting), out);
+      finish(std::exchange(until_back_, {}), out);
     });
   }
 }

@@ -32,8 +32,8 @@ class Recovery {
   // A skill has ended otherwise.
   void after(realtime::Ending ending);
 
-  // A client asks. Answered now, or when the arm has recovered or has not.
-  void ask(const frankapy::proto::Recover& recover, const realtime::Record& now, Answer answer);
+  // A client asks; `stopped`: before a stop that has overtaken it. Answered now, or when the arm has recovered or has not.
+  void ask(const frankapy::proto::Recover& recover, bool stopped, const realtime::Record& now, Answer answer);
 
   // What has come from the loop.
   void take_results();
@@ -43,7 +43,7 @@ class Recovery {
   // While it recovers: afterwards nothing moves.
   void stop();
 
-  bool busy() const { return !waiting_.empty() || moving_back_; }
+  bool busy() const { return !waiting_.empty() || !until_back_.empty(); }
 
  private:
   using Who = frankapy::proto::RecoveryPolicy::Who;
@@ -71,8 +71,8 @@ class Recovery {
   const ConnectedArm& arm_;
   const RecoveryConfig lab_;
   const MoveBack move_back_;
-  std::vector<Waiting> waiting_;  // for the loop
-  bool moving_back_ = false;
+  std::vector<Waiting> waiting_;     // for the loop
+  std::vector<Waiting> until_back_;  // for the arm, which is moved back
   std::optional<std::uint64_t> failed_in_;        // record of the skill that failed last
   frankapy::proto::RecoveryPolicy failed_under_;  // what it says, until another ends otherwise
   bool stopped_ = false;   // while it recovered

@@ -42,6 +42,11 @@ std::string version_name(const proto::Hello& hello) {
   return "none";
 }
 
+// Where a stop that overtakes it counts for it too.
+bool may_move(int call) {
+  return call == proto::Request::kStartSkill || call == proto::Request::kRecover || call == proto::Request::CALL_NOT_SET;
+}
+
 std::string set_up(zmq::socket_t& socket, const Listen& listen, std::uint16_t port) {
   socket.set(zmq::sockopt::linger, 200);
   socket.set(zmq::sockopt::maxmsgsize, kMaxMessage);
@@ -120,7 +125,7 @@ void Transport::receive() {
 void Transport::take(Arrived& arrived) {
   const Head head = arrived.head;
   if (head.call == proto::Request::kStopSkill && arrived.is_short()) return handle(arrived);
-  if (head.call == proto::Request::kStartSkill || head.call == proto::Request::CALL_NOT_SET) arrived.skill = skills_.next_id();
+  if (may_move(head.call)) arrived.skill = skills_.next_id();
   if (inbox_.put(arrived)) return;
   if (!head.request_id) return inbox_.count_garbage("what came faster than it could be read");
   answers_.send_error({arrived.client, *head.request_id, arrived.who}, proto::Error::BUSY,
@@ -215,7 +220,7 @@ void Transport::answer(const Address& from, proto::Request& request, std::uint64
     case proto::Request::kStopSkill: return skills_.stop(from);
     case proto::Request::kSkillStatus: return skills_.tell_status(from, request.skill_status().skill_id());
     case proto::Request::kGripper: return start_gripper(from, request.gripper());
-    case proto::Request::kRecover: return recover(from, request.recover());
+    case proto::Request::kRecover: return recover(from, request.recover(), skill);
     case proto::Request::kAlive: return answers_.send_done(from);
     case proto::Request::kGoodbye: return goodbye(from);
     case proto::Request::kListArms:
@@ -356,11 +361,11 @@ void Transport::start_gripper(const Address& from, const proto::GripperCommand& 
   answers_.send(from, reply);
 }
 
-void Transport::recover(const Address& from, const proto::Recover& recover) {
+void Transport::recover(const Address& from, const proto::Recover& recover, std::uint64_t id) {
   clients_.require_lease(from);
   arm_.require();
   clients_.take_lease(from);
-  recovery_.ask(recover, skills_.require_state(), [this, from](const proto::Recovery& recovery) {
+  recovery_.ask(recover, id <= door_.stop_up_to.load(), skills_.require_state(), [this, from](const proto::Recovery& recovery) {
     proto::Reply reply;
     *reply.mutable_recovery() = recovery;
     answers_.send(from, reply);

@@ -96,7 +96,7 @@ class Transport {
   void tell_walls(const Address& from);
   void change_limits(const Address& from, const frankapy::proto::ChangeLimits& change);
   void start_gripper(const Address& from, const frankapy::proto::GripperCommand& command);
-  void recover(const Address& from, const frankapy::proto::Recover& recover);
+  void recover(const Address& from, const frankapy::proto::Recover& recover, std::uint64_t id);
   void goodbye(const Address& from);
 
   void take_gripper_results();

@@ -190,6 +190,20 @@ TEST_F(SupervisorTest, AProgramInCppPublishesSensorMessages) {
   EXPECT_THROW(client::SensorPublisher("policy", program_->endpoint(), 2), std::runtime_error);  // is not there
   EXPECT_THROW(client::SensorPublisher("", program_->endpoint()), std::invalid_argument);
   EXPECT_THROW(client::SensorPublisher("policy", "127.0.0.1:1"), std::runtime_error);
+
+  // A key of the lab does not keep from a server without keys on this computer, unless it was named for it.
+  const KeyFolder lab;
+  proto::ClientKey key;
+  const auto pair = KeyFolder::pair();
+  key.set_public_key(pair[0]);
+  key.set_secret_key(pair[1]);
+  key.set_server_key(lab.own.public_key());
+  lab.write("key.json", key);
+  const std::string file = lab.path / "key.json";
+  setenv("FRANKAPY_KEY", file.c_str(), 1);
+  EXPECT_NO_THROW(client::SensorPublisher("policy", program_->endpoint()));
+  unsetenv("FRANKAPY_KEY");
+  EXPECT_THROW(client::SensorPublisher("policy", program_->endpoint(), 1, file), std::runtime_error);
 }
 
 TEST_F(SupervisorTest, AnArmThatDiesIsStartedAgainWhereItWas) {

@@ -624,6 +624,23 @@ TEST_F(TransportTest, AfterAStopWhileItRecoversNothingIsMovedBack) {
   EXPECT_EQ(take(), nullptr);
 }
 
+TEST_F(TransportTest, AStopRightBehindARecoveryCountsForIt) {
+  auto a = client();
+  fail(fci::Error::kJointPositionLimits);
+  record_.state.q[3] = fr3_limits().q_max[3] + 0.005;
+  proto::Request stop;
+  stop.mutable_stop_skill();
+  a.send(recover());
+  a.send(stop);  // is urgent: may be read first
+  EXPECT_TRUE(a.receive().has_done());
+  while (!door_.recover.load()) std::this_thread::sleep_for(100us);
+  get_well();
+  answer({.recovered = true});
+  const auto recovery = a.receive().recovery();
+  EXPECT_NE(recovery.message().find("stop was asked for"), std::string::npos) << recovery.message();
+  EXPECT_EQ(take(), nullptr);
+}
+
 TEST_F(TransportTest, FromCollisionsAndUserStopsNobodyRecoversButAPerson) {
   auto a = client();
   auto message = skill_;
@@ -691,8 +708,11 @@ TEST_F(TransportTest, JointsOutsideTheirRangeAreMovedBackSlowly) {
   get_well();
   answer({.recovered = true});
   while (!skill) skill = take();
+  a.send(recover());  // meanwhile
+  a.state();
+  EXPECT_EQ(door_.recover, 0u);
   finish(std::move(skill), realtime::Ending::kStopped);
-  EXPECT_EQ(a.receive().recovery().obstacle(), proto::OUTSIDE_JOINT_LIMITS);
+  for (int n = 0; n < 2; ++n) EXPECT_EQ(a.receive().recovery().obstacle(), proto::OUTSIDE_JOINT_LIMITS);
 
   fail(fci::Error::kJointPositionLimits);
   a.send(recover());
