@@ -34,11 +34,12 @@ from google.protobuf.message import Message
 from shared.arm import HOME, arm
 from tqdm import tqdm
 
-from frankapy import FrankaArm, FrankaArmException, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, FrankaArmException, proto
 from frankapy.parts import (
     CartesianImpedance,
     InternalImpedance,
     JointImpedance,
+    MinJerkJoint,
     Never,
     StreamCartesianVelocity,
     StreamJoint,
@@ -191,7 +192,12 @@ def ours(hours: float) -> dict[str, float]:
                     fa.walls[name] = wall
                 for n in range(RUN):
                     kind, own = KINDS[n % len(KINDS)], n >= len(KINDS)
-                    stream(simulation, fa, kind, own, targets(kind, LIMITS[robot], random, STREAM), found)
+                    sent = targets(kind, LIMITS[robot], random, STREAM)
+                    try:
+                        stream(simulation, fa, kind, own, sent, found)
+                    except FrankaArmArgumentError:  # a robot leads no pose from a singular posture, and there the arm may have been left
+                        fa.run(MinJerkJoint(HOME, 5))
+                        stream(simulation, fa, kind, own, sent, found)
                     with suppress(FrankaArmException):
                         fa.stop_skill()
                     count(fa, f"{robot}, {kind}{' with its own control' * own}", found)

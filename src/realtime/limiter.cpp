@@ -24,7 +24,7 @@ constexpr double kPlanShare = 0.96;
 // Share of the jerk limits that steps planned here use where there is room. A robot that has lost n commands in a row,
 // and went on with constant acceleration, sees (n+1)(n+2)(n+3)/6 times the jerk when the next arrives: three may be lost.
 constexpr double kGentleJerk = 0.05;
-constexpr double kSoonJerk = 0.24;  // likewise, for one
+constexpr int kMostEffort = 6;      // from that to all of the jerk, then from what may be borne to all of the acceleration
 // s in which a pose that catches up gives back the acceleration it has, at least: with gentle jerk alone one that was left in
 // mid-motion would be led far astray.
 constexpr double kGiveBack = 0.03;
@@ -51,6 +51,8 @@ constexpr double kLeastShare = 0.05;
 // Left between a braking motion and FR3's velocity envelope, rad/s: a backward difference over 1 ms lags
 // by a quarter of it at most.
 constexpr double kEnvelopeSlack = 0.02;
+constexpr double kGentleSlack = 0.03;  // likewise where it does not take all that the joint has, so that it need not on the way
+constexpr double kAheadOnWay = 0.02;  // s, in which a motion gently begins to slow down as the envelope does
 // A motion slower than this is rest; rad/s or m/s, and rad/s² or m/s².
 constexpr double kRestVelocity = 1e-6;
 constexpr double kRestAcceleration = 1e-3;
@@ -124,7 +126,7 @@ struct Joint {
   double q = 0, v = 0, a = 0;
   double velocity = 0, acceleration = 0;
   bool held = false;  // it has not caught up yet
-  std::optional<bool> hard;  // whether it goes to rest with all that it has, where a way to rest has been planned
+  std::optional<int> effort;  // of kMostEffort, with which it goes to rest, where a way to rest has been planned
 
   bool rests() const {
     return std::abs(v) <= kRestVelocity && std::abs(velocity) <= kRestVelocity && std::abs(a) <= kRestAcceleration &&
@@ -306,7 +308,7 @@ struct Limiter::Impl : Motion {
   // --- joints ---------------------------------------------------------------------------------
 
   // From there the joint can brake to rest, with these limits, without leaving its range or its velocity envelope.
-  bool can_stop(int i, double q, double velocity, double acceleration, double A, double J) noexcept {
+  bool can_stop(int i, double q, double velocity, double acceleration, double A, double J, double slack = kEnvelopeSlack) noexcept {
     // Seen in the direction of motion towards the limit: the mirror image serves the other one.
     const double reserve = acceleration * acceleration / (2 * J);
     const double up = std::max({velocity, velocity + (acceleration > 0 ? reserve : 0), 0.0});
@@ -320,21 +322,22 @@ struct Limiter::Impl : Motion {
     const double q_up = q + bound(up);
     const double q_down = q - bound(down);
     if (q_up <= limits.q_max[i] && q_down >= limits.q_min[i] &&
-        up <= kShare * limits.dq_upper(i, q_up) - kEnvelopeSlack &&
-        -down >= kShare * limits.dq_lower(i, q_down) + kEnvelopeSlack) {
+        up <= kShare * limits.dq_upper(i, q_up) - slack &&
+        -down >= kShare * limits.dq_lower(i, q_down) + slack) {
       return true;
     }
 
     if (!plan_stop(q, velocity, acceleration, A, J)) return false;
-    constexpr int kSamples = 16;
+    constexpr int kSamples = 24;
     for (int k = 0; k <= kSamples; ++k) {
+      const double share = static_cast<double>(k) / kSamples;  // densest where it has not slowed down yet, and the envelope does
       std::array<double, 1> p, v, a;
-      stop.trajectory.at_time(stop.trajectory.get_duration() * k / kSamples, p, v, a);
+      stop.trajectory.at_time(stop.trajectory.get_duration() * share * share, p, v, a);
       if (p[0] > std::max(limits.q_max[i], q) || p[0] < std::min(limits.q_min[i], q)) return false;
-      if (v[0] > kEnvelopeSlack / 100 && v[0] > kShare * limits.dq_upper(i, p[0]) - kEnvelopeSlack) {
+      if (v[0] > kEnvelopeSlack / 100 && v[0] > kShare * limits.dq_upper(i, p[0]) - slack) {
         return false;
       }
-      if (v[0] < -kEnvelopeSlack / 100 && v[0] < kShare * limits.dq_lower(i, p[0]) + kEnvelopeSlack) {
+      if (v[0] < -kEnvelopeSlack / 100 && v[0] < kShare * limits.dq_lower(i, p[0]) + slack) {
         return false;
       }
     }
@@ -355,6 +358,12 @@ struct Limiter::Impl : Motion {
     if (v > 0 && (q > limits.q_max[i] || v > kShare * limits.dq_upper(i, q) * kRounding)) return false;
     if (v < 0 && (q < limits.q_min[i] || v < kShare * limits.dq_lower(i, q) * kRounding)) return false;
     return can_stop(i, q, step.velocity, step.acceleration, kShare * limits.ddq_max[i], kShare * limits.dddq_max[i]);
+  }
+
+  // After that step there is a way to rest too that all joints bear, with that share of the jerk.
+  bool leaves_room(int i, const Step& step, double share, double slack) noexcept {
+    return can_stop(i, joints[i].q + step.delta, step.velocity, step.acceleration, kShare * braking * limits.ddq_max[i],
+                    share * limits.dddq_max[i], slack);
   }
 
   bool restrained() const { return reduced || bounded; }
@@ -404,15 +413,22 @@ struct Limiter::Impl : Motion {
     joint.acceleration = step.acceleration;
   }
 
-  // Next to the end of its range, or of its envelope, a joint takes all that it has, until it rests.
+  // Next to the end of its range, or of its envelope, a joint takes as much more as it needs, until it rests: others bear it too.
   bool plan_brake(bool soon) noexcept {
+    const double gentle = soon ? kSoonJerk : kGentleJerk;
     for (int i = 0; i < kJoints; ++i) {
-      double A = kShare * braking * limits.ddq_max[i], J = (soon ? kSoonJerk : kGentleJerk) * limits.dddq_max[i];
+      double A, J;
+      const auto make = [&](int effort) {
+        const double more = 2. * effort / kMostEffort, quicker = std::min(more, 1.), stronger = std::max(more - 1, 0.);
+        A = (braking + (1 - braking) * stronger) * kShare * limits.ddq_max[i];
+        J = (gentle + (kShare - gentle) * quicker * quicker) * limits.dddq_max[i];
+      };
       Joint& joint = joints[i];
-      if (!joint.hard) joint.hard = !can_stop(i, joint.q, joint.velocity, joint.acceleration, A, J);
-      if (*joint.hard) {
-        A = kShare * limits.ddq_max[i];
-        J = kShare * limits.dddq_max[i];
+      make(joint.effort.value_or(0));
+      if (!joint.effort) {
+        int effort = 0;
+        while (effort < kMostEffort && !can_stop(i, joint.q, joint.velocity, joint.acceleration, A, J, kGentleSlack)) make(++effort);
+        joint.effort = effort;
       }
       joint_brake.in.max_acceleration[i] = A;
       (*joint_brake.in.min_acceleration)[i] = -A;
@@ -460,8 +476,9 @@ struct Limiter::Impl : Motion {
       in.current_position[i] = joints[i].q - before;
       in.current_velocity[i] = joints[i].velocity - (velocity[i] - dt * acceleration[i]);
       in.current_acceleration[i] = joints[i].acceleration - acceleration[i];
-      const double upper = std::min(V, kPlanShare * limits.dq_upper(i, joints[i].q));
-      const double lower = std::max(-V, kPlanShare * limits.dq_lower(i, joints[i].q));
+      const double ahead = joints[i].q + kAheadOnWay * joints[i].velocity;
+      const double upper = std::min(V, kPlanShare * limits.dq_upper(i, ahead));
+      const double lower = std::max(-V, kPlanShare * limits.dq_lower(i, ahead));
       in.max_velocity[i] = std::max(upper - velocity[i], kLeastShare * V);
       (*in.min_velocity)[i] = std::min(lower - velocity[i], -kLeastShare * V);
       in.max_acceleration[i] = std::max(A - acceleration[i], kLeastShare * A);
@@ -486,7 +503,7 @@ struct Limiter::Impl : Motion {
     for (int i = 0; i < kJoints; ++i) {
       const Step step = as_wanted(joints[i], wanted.q[i], dt);
       pass[i] = std::abs(wanted.dq[i]) <= asked.dq_max[i] && std::abs(wanted.ddq[i]) <= asked.ddq_max[i] &&
-                may_be_asked(i, step, dt) && admissible(i, step, dt);
+                may_be_asked(i, step, dt) && admissible(i, step, dt) && leaves_room(i, step, kSoonJerk, kEnvelopeSlack);
       all &= pass[i] && !joints[i].held;
     }
     std::array<Step, kJoints> follow, brake;
@@ -498,11 +515,11 @@ struct Limiter::Impl : Motion {
       // A joint on its way may meet the wanted position in passing: that is not yet to have caught up.
       if (joints[i].held) pass[i] = pass[i] && has_follow && joint_follow.arrives(i, dt);
       next[i].held = !pass[i];
-      next[i].hard.reset();
+      next[i].effort.reset();
       all &= pass[i];
       if (pass[i]) {
         take(next[i], wanted.q[i], as_wanted(joints[i], wanted.q[i], dt), dt);
-      } else if (has_follow && admissible(i, follow[i], dt)) {
+      } else if (has_follow && admissible(i, follow[i], dt) && leaves_room(i, follow[i], kGentleJerk, kGentleSlack)) {
         take(next[i], joints[i].q + follow[i].delta, follow[i], dt);
       } else {
         if (!has_brake) brake_steps(dt, brake);
@@ -953,7 +970,7 @@ bool Limiter::reset(const Reference& from) noexcept {
   if (from.motion == Channels::kJoint) {
     for (int i = 0; i < kJoints; ++i) {
       const double dq = from.joint.dq[i], ddq = from.joint.ddq[i];
-      m.joints[i] = {from.joint.q[i], dq - kHalfCycle * ddq, ddq, dq, ddq, false};
+      m.joints[i] = {from.joint.q[i], dq - kHalfCycle * ddq, ddq, dq, ddq, false, {}};
     }
   } else {
     const auto set = [&](Part& part, const Vector3& velocity, const Vector3& acceleration) {

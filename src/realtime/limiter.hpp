@@ -24,6 +24,8 @@ class Limiter {
  public:
   // Of the determinant of the Jacobian of joints that a robot makes of a pose: below it that pose is not led at all.
   static constexpr double kSingular = 5e-4;
+  // Of the limits of jerk, with which brake() comes to rest soon: a robot may lose one command.
+  static constexpr double kSoonJerk = 0.24;
 
   explicit Limiter(const models::Limits& limits);
   ~Limiter();

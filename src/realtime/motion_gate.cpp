@@ -10,7 +10,6 @@
 #include "realtime/felt_inertia.hpp"
 #include "realtime/power_taken.hpp"
 #include "realtime/rotation.hpp"
-#include "realtime/share_inside.hpp"
 
 namespace realtime {
 namespace {
@@ -28,7 +27,6 @@ constexpr double kLeftBehind = 1e-3;        // m and rad, between a pose and its
 constexpr double kNearlySingular = 1.1e-3;  // determinant, a little before a pose that moves is stopped
 constexpr double kLookAhead = 1e-3;         // rad, of all joints together
 
-constexpr double kStill = 0.05;       // rad/s of a joint for which braking is little
 constexpr double kLeastSpared = 0.3;  // or the arm would not come to rest before anything
 
 // So near to each other that an arm which a wall holds up does not stir for it.
@@ -45,6 +43,7 @@ MotionGate::MotionGate(const models::Limits& limits, Model& model)
       bounds_(limits),
       robots_tool_speed_(limits.translation.velocity),
       ddq_max_(Vector7::Map(limits.ddq_max.data())),
+      brake_jerk_(Limiter::kSoonJerk * Vector7::Map(limits.dddq_max.data())),
       tau_max_(Vector7::Map(limits.tau_max.data())),
       limiter_(limits),
       pose_joints_(model, limits) {
@@ -152,7 +151,7 @@ bool MotionGate::out_of_reach(const Reference& wanted) noexcept {
 
 // One step, and what held it back. One that would be beyond the bounds is made by joints that are slowed; where that does not do,
 // all are braked.
-HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference) noexcept {
+HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Shares& spared, Reference& reference) noexcept {
   const double before = tool_speed() + kNoFaster;
   const double fastest = kBoundShare * bounds_.tool_speed;
   share_tool_speed(wanted);
@@ -170,9 +169,14 @@ HeldBy MotionGate::keep_to_bounds(const Reference& wanted, Reference& reference)
     limiter_.take_back();
     if (has(held, HeldBy::kToolSpeed)) {
       // Sooner than on the way to rest: what leads to more speed is given back at once.
+      limiter_.spare(spared.braking, spared.braking);
       limiter_.bound(Vector7::Constant(kSlowest));
       limited = limiter_.follow(wanted, kTick, reference);
     } else {
+      if (has(held, HeldBy::kTorqueLimits)) {
+        spared.braking = kLeastSpared;  // as joints bear what brakes them
+        limiter_.spare(spared.braking, spared.catching_up);
+      }
       limiter_.brake(kTick, reference);
     }
   }
@@ -190,16 +194,41 @@ bool MotionGate::elbow_is_clear(const Vector7& q) noexcept {
 }
 
 // Shares of the joints' acceleration that leave what they bear no more than they can: an arm that is stretched out, and comes down,
-// cannot take all of it. Joints that brake do so all at once; of those that catch up nobody knows which way.
+// cannot take all of it. Each joint may brake or catch up, whatever the others do, so that nothing of one may be counted on that
+// relieves another.
 MotionGate::Shares MotionGate::bearable() const noexcept {
   const Reference& now = limiter_.last();
   if (now.motion != Channels::kJoint) return {};
   const Vector7 held = gravity_ + model_.coriolis();
-  const Eigen::Array<bool, models::kJoints, 1> moves = now.joint.dq.array().abs() > kStill;
-  const Vector7 brake = model_.mass() * Vector7(moves.select(-now.joint.dq.cwiseSign().cwiseProduct(ddq_max_), 0));
-  const Vector7 most = model_.mass().cwiseAbs() * ddq_max_;
-  const double catching_up = (tau_max_ - held.cwiseAbs()).cwiseQuotient(most).minCoeff();
-  return {std::max(share_inside(held, brake, -tau_max_, tau_max_), kLeastSpared), std::clamp(catching_up, kLeastSpared, 1.)};
+  // The slower a joint is, the less it brakes before it rests.
+  const Vector7 brakes = ddq_max_.cwiseMin(brake_jerk_.cwiseProduct(now.joint.dq.cwiseAbs()).cwiseSqrt());
+  Shares shares{1, 1};
+  const auto each = [&](auto&& of_load) {
+    for (int i = 0; i < models::kJoints; ++i) {
+      for (const double side : {-1., 1.}) {
+        double braking = 0, catching_up = 0, given_back = 0;  // N m towards that side
+        for (int j = 0; j < models::kJoints; ++j) {
+          const double load = side * model_.mass()(i, j);
+          if (load * now.joint.dq[j] < 0) {
+            braking += std::abs(load) * brakes[j];
+          } else {
+            catching_up += std::abs(load) * ddq_max_[j];
+            given_back += std::max(load * now.joint.ddq[j], 0.);
+          }
+        }
+        of_load(kTorqueShare * tau_max_[i] - side * held[i], braking, catching_up, given_back);
+      }
+    }
+  };
+  each([&](double room, double braking, double, double given_back) {
+    if (braking > 0) shares.braking = std::min(shares.braking, (room - given_back) / braking);
+  });
+  shares.braking = std::max(shares.braking, kLeastSpared);
+  each([&](double room, double braking, double catching_up, double) {
+    if (catching_up > 0) shares.catching_up = std::min(shares.catching_up, (room - shares.braking * braking) / catching_up);
+  });
+  shares.catching_up = std::clamp(shares.catching_up, kLeastSpared, shares.braking);
+  return shares;
 }
 
 // Where the next reference would leave no clear way to rest, what of it leads past what is in the way is followed; and where that does
@@ -207,9 +236,9 @@ MotionGate::Shares MotionGate::bearable() const noexcept {
 HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcept {
   before_ = reference;
   const Before met_before{met_, !limiter_.at_rest()};
-  const Shares spared = bearable();
+  Shares spared = bearable();
   limiter_.spare(spared.braking, spared.catching_up);
-  HeldBy held = keep_to_bounds(wanted, reference);
+  HeldBy held = keep_to_bounds(wanted, spared, reference);
   if (out_of_reach(wanted)) {
     limiter_.take_back();
     limiter_.brake(kTick, reference);
@@ -225,7 +254,6 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
     return held;
   }
   limiter_.take_back();
-  limiter_.spare(spared_, spared.catching_up);  // as on the way that was clear
   WallGuard::Bounds of_walls;
   SelfGuard::Bounds of_itself;
   const Reference aside = past(met_ == HeldBy::kWall ? walls_.bounds(of_walls) : self_.bounds(*arm, joints_.q, of_itself), wanted);
@@ -233,10 +261,12 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
     limiter_.follow(aside, kTick, reference);
     if (meets(*arm, reference, {}) == HeldBy::kNothing &&
         beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing) {
+      spared_ = spared.braking;
       return held;
     }
     limiter_.take_back();
   }
+  limiter_.spare(spared_, spared.catching_up);  // as on the way that was clear
   soon_ = soon || unseen_ || reference.motion == Channels::kPose;  // the other way was not looked at
   limiter_.brake(kTick, reference, soon_);
   return held;

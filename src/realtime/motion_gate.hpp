@@ -69,7 +69,7 @@ class MotionGate {
   };
 
   bool out_of_reach(const Reference& wanted) noexcept;
-  HeldBy keep_to_bounds(const Reference& wanted, Reference& reference) noexcept;
+  HeldBy keep_to_bounds(const Reference& wanted, Shares& spared, Reference& reference) noexcept;
   HeldBy beyond_bounds(const Reference& reference, double fastest) const noexcept;
   double tool_speed() const noexcept;
   HeldBy too_much_effort(const Reference& reference) const noexcept;
@@ -91,7 +91,7 @@ class MotionGate {
   Bounds bounds_;
   double robots_tool_speed_;  // m/s, that it allows
   Vector7 gravity_ = Vector7::Zero();  // N m
-  Vector7 ddq_max_, tau_max_;          // of the robot
+  Vector7 ddq_max_, brake_jerk_, tau_max_;  // of the robot
   double spared_ = 1;                  // share of its acceleration with which the arm comes to rest on a way that is clear
   Limiter limiter_;
   WallGuard walls_;

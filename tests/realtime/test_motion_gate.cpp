@@ -183,6 +183,36 @@ TEST_P(StretchedArm, is_asked_for_no_more_than_its_joints_can_bear) {
   EXPECT_GT(held, 0);
 }
 
+// Likewise where velocities are asked for that change at random and know of no end of a joint's range, with all that joints may do.
+TEST_P(StretchedArm, is_braked_at_the_ends_of_its_ranges_with_what_its_joints_can_bear) {
+  double worst = 0;
+  for (int n = 0; n < 20; ++n) {
+    Reference reference, wanted;
+    for (int i = 0; i < 7; ++i) reference.joint.q[i] = limits.q_min[i] + (0.2 + 0.6 * share(random)) * (limits.q_max[i] - limits.q_min[i]);
+    MotionGate gate(limits, model);
+    gate.place(reference.joint.q);
+    gate.reset(reference);
+    Vector7 target;
+    for (int k = 0; k < 3000; ++k) {
+      const JointReference& now = reference.joint;
+      for (int i = 0; i < 7; ++i) {
+        if (k % 300 == 0) target[i] = (2 * share(random) - 1) * limits.dq_max[i];
+        const double ddq_max = 0.95 * limits.ddq_max[i], change = 0.5 * limits.dddq_max[i] * kTick;
+        const double ddq = std::clamp((target[i] - now.dq[i]) / 0.01, -ddq_max, ddq_max);
+        wanted.joint.ddq[i] = std::clamp(ddq, now.ddq[i] - change, now.ddq[i] + change);
+      }
+      wanted.joint.dq = now.dq + kTick / 2 * (now.ddq + wanted.joint.ddq);
+      wanted.joint.q = now.q + kTick / 2 * (now.dq + wanted.joint.dq);
+      model.update(reference.joint.q, reference.joint.dq);
+      gate.observe(reference, model.gravity(down), nullptr);
+      gate.follow(wanted, reference);
+      model.update(reference.joint.q, reference.joint.dq);
+      worst = std::max(worst, strain(reference.joint.ddq));
+    }
+  }
+  EXPECT_LT(worst, 1.05);
+}
+
 class FoldedArm : public testing::TestWithParam<const char*> {};
 INSTANTIATE_TEST_SUITE_P(Arms, FoldedArm, testing::Values("fer", "fr3"), [](const auto& info) { return std::string(info.param); });
 

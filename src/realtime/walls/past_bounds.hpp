@@ -17,21 +17,25 @@ struct Bound {
 using JointBound = Bound<7>;            // m/rad
 constexpr std::size_t kMostBounds = 32;  // at once
 
-// The change, no longer than 0.1 (rad or m), and then led to within each bound in turn, where coordinates yield by their ease.
+// The change, no longer than 0.1 (rad or m), and then led to within the bound that it lacks most, and so on, where coordinates
+// yield by their ease. Most first: what is near leads around what is far.
 // `least_square`: what the square of a gradient counts as at least, so that what hardly moves asks for no long step; m²/rad², or 1.
 template <int N>
 Eigen::Matrix<double, N, 1> past_bounds(const Eigen::Matrix<double, N, 1>& change, const Eigen::Matrix<double, N, 1>& ease,
                                         double least_square, std::span<const Bound<N>> bounds) noexcept {
   constexpr double kLongestStep = 0.1;
-  constexpr int kPasses = 10;  // as each changes what the others are about
+  constexpr int kSteps = 100;  // as each changes what the others are about
   Eigen::Matrix<double, N, 1> out = change * std::min(1., kLongestStep / std::max(change.norm(), 1e-9));
-  for (int pass = 0; pass < kPasses; ++pass) {
+  for (int step = 0; step < kSteps; ++step) {
+    const Bound<N>* most = nullptr;
+    double lack = 0;
     for (const Bound<N>& bound : bounds) {
-      const double lack = bound.least - bound.gradient.dot(out);
-      if (lack <= 0) continue;
-      const Eigen::Matrix<double, N, 1> along = ease.cwiseProduct(bound.gradient);
-      out += along * (lack / std::max(bound.gradient.dot(along), least_square));
+      const double lacks = bound.least - bound.gradient.dot(out);
+      if (lacks > lack) most = &bound, lack = lacks;
     }
+    if (most == nullptr) break;
+    const Eigen::Matrix<double, N, 1> along = ease.cwiseProduct(most->gradient);
+    out += along * (lack / std::max(most->gradient.dot(along), least_square));
   }
   return out;
 }
