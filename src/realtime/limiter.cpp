@@ -8,7 +8,6 @@
 
 #include "realtime/rotation.hpp"
 #include "realtime/ruckig_planner.hpp"
-#include "realtime/share_inside.hpp"
 #include "realtime/shortened.hpp"
 #include "realtime/tick.hpp"
 
@@ -424,12 +423,11 @@ struct Limiter::Impl : Motion {
         J = (gentle + (kShare - gentle) * quicker * quicker) * limits.dddq_max[i];
       };
       Joint& joint = joints[i];
-      make(joint.effort.value_or(0));
-      if (!joint.effort) {
-        int effort = 0;
-        while (effort < kMostEffort && !can_stop(i, joint.q, joint.velocity, joint.acceleration, A, J, kGentleSlack)) make(++effort);
-        joint.effort = effort;
-      }
+      int effort = joint.effort.value_or(0);
+      make(effort);
+      const auto does = [&] { return can_stop(i, joint.q, joint.velocity, joint.acceleration, A, J, kGentleSlack); };
+      while (!joint.effort && effort < kMostEffort && !does()) make(++effort);
+      joint.effort = effort;
       joint_brake.in.max_acceleration[i] = A;
       (*joint_brake.in.min_acceleration)[i] = -A;
       joint_brake.in.max_jerk[i] = J;
@@ -1158,7 +1156,12 @@ void TorqueLimiter::beside(const Vector7& borne) noexcept {
 }
 
 double TorqueLimiter::share_inside(const Vector7& from, const Vector7& to) const noexcept {
-  return realtime::share_inside(from, to - from, least_, most_);
+  double share = 1;
+  for (int i = 0; i < kJoints; ++i) {
+    const double way = to[i] - from[i], room = way > 0 ? most_[i] - from[i] : from[i] - least_[i];
+    if (room < share * std::abs(way)) share = std::max(room, 0.) / std::abs(way);
+  }
+  return share;
 }
 
 bool TorqueLimiter::scale(const Vector7& wanted, const Vector7& last, double dt, Vector7& out) const noexcept {

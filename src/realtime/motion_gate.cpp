@@ -202,31 +202,33 @@ MotionGate::Shares MotionGate::bearable() const noexcept {
   const Vector7 held = gravity_ + model_.coriolis();
   // The slower a joint is, the less it brakes before it rests.
   const Vector7 brakes = ddq_max_.cwiseMin(brake_jerk_.cwiseProduct(now.joint.dq.cwiseAbs()).cwiseSqrt());
-  Shares shares{1, 1};
-  const auto each = [&](auto&& of_load) {
-    for (int i = 0; i < models::kJoints; ++i) {
-      for (const double side : {-1., 1.}) {
-        double braking = 0, catching_up = 0, given_back = 0;  // N m towards that side
-        for (int j = 0; j < models::kJoints; ++j) {
-          const double load = side * model_.mass()(i, j);
-          if (load * now.joint.dq[j] < 0) {
-            braking += std::abs(load) * brakes[j];
-          } else {
-            catching_up += std::abs(load) * ddq_max_[j];
-            given_back += std::max(load * now.joint.ddq[j], 0.);
-          }
-        }
-        of_load(kTorqueShare * tau_max_[i] - side * held[i], braking, catching_up, given_back);
+  struct Load {
+    double room, braking = 0, catching_up = 0, given_back = 0;
+  };
+  std::array<Load, 2 * models::kJoints> loads;  // N m, of each joint to either side
+  for (std::size_t k = 0; k < loads.size(); ++k) {
+    const int i = static_cast<int>(k / 2);
+    const double side = k % 2 == 0 ? -1 : 1;
+    Load& load = loads[k] = {kTorqueShare * tau_max_[i] - side * held[i]};
+    for (int j = 0; j < models::kJoints; ++j) {
+      const double inertia = side * model_.mass()(i, j);
+      if (inertia * now.joint.dq[j] < 0) {
+        load.braking += std::abs(inertia) * brakes[j];
+      } else {
+        load.catching_up += std::abs(inertia) * ddq_max_[j];
+        load.given_back += std::max(inertia * now.joint.ddq[j], 0.);
       }
     }
-  };
-  each([&](double room, double braking, double, double given_back) {
-    if (braking > 0) shares.braking = std::min(shares.braking, (room - given_back) / braking);
-  });
+  }
+  Shares shares;
+  for (const Load& load : loads) {
+    if (load.braking > 0) shares.braking = std::min(shares.braking, (load.room - load.given_back) / load.braking);
+  }
   shares.braking = std::max(shares.braking, kLeastSpared);
-  each([&](double room, double braking, double catching_up, double) {
-    if (catching_up > 0) shares.catching_up = std::min(shares.catching_up, (room - shares.braking * braking) / catching_up);
-  });
+  for (const Load& load : loads) {
+    if (load.catching_up <= 0) continue;
+    shares.catching_up = std::min(shares.catching_up, (load.room - shares.braking * load.braking) / load.catching_up);
+  }
   shares.catching_up = std::clamp(shares.catching_up, kLeastSpared, shares.braking);
   return shares;
 }

@@ -25,7 +25,7 @@ struct Arrived {
   Keys::Client who;    // by the connection
   zmq::message_t frame;
   Head head;
-  std::uint64_t skill = 0;  // the id of the skill that it may start: given on arrival, so that a Stop behind it stops it too
+  std::uint64_t skill = 0;  // its id where it may move the arm: given on arrival, so that a Stop behind it counts for it too
 
   // Whether it is read at once; what is longer takes too long for that.
   bool is_short() const;
