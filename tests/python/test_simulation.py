@@ -191,8 +191,9 @@ def test_an_address_that_is_taken_is_told(sim):
 
 def test_an_arm_that_was_left_over_is_told_of(sim):
     environment = os.environ | {"FRANKAPY_STARTED_BY": str(os.getpid())}
-    start = f"{program('fci-sim')} --listen {free_address()} > /dev/null 2>&1 & echo $!"
-    left = int(subprocess.run(["sh", "-c", start], env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout)
+    start = '"$0" --listen "$1" > /dev/null 2>&1 & echo $!'
+    command = ["sh", "-c", start, str(program("fci-sim")), free_address()]
+    left = int(subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout)
     try:
         until(lambda: left in left_over_arms())
         assert sim.processes[0] not in left_over_arms()
