@@ -11,7 +11,7 @@ WallGuard::~WallGuard() { delete walls_; }
 
 Walls* WallGuard::change(Walls* walls) noexcept { return std::exchange(walls_, walls); }
 bool WallGuard::clear(const Vector7&, std::span<const Vector7>, double, bool) noexcept { return true; }
-std::span<const JointBound> WallGuard::bounds(Bounds&) const noexcept { return {}; }
+std::span<const JointBound> WallGuard::bounds(Bounds&) noexcept { return {}; }
 void WallGuard::look(const Vector7&, const Vector7&, const Vector7&) noexcept {}
 void WallGuard::begin() noexcept {}
 HeldBy WallGuard::add(const Vector7&, const Matrix7&, const Vector7&, Vector7&) noexcept { return HeldBy::kNothing; }

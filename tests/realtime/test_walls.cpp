@@ -83,7 +83,6 @@ TEST(Shape, the_normal_is_the_gradient_of_the_distance_and_leads_to_the_surface)
       const Vector3 p = random.point(1);
       const Distance d = distance(shape, p);
       EXPECT_NEAR(d.normal.norm(), 1, 1e-9);
-      EXPECT_LE(least_distance(shape, p), d.distance + 1e-12);
       EXPECT_NEAR(distance(shape, p - d.distance * d.normal).distance, 0, 1e-9);
       const Vector3 step = 1e-6 * random.point(1);
       EXPECT_NEAR(distance(shape, p + step).distance - d.distance, d.normal.dot(step), 1e-9) << static_cast<int>(kind);
@@ -153,7 +152,6 @@ TEST(Mesh, nothing_of_it_is_nearer_than_its_distance) {
     const Vector3 foot = p - found.distance * found.normal;
     EXPECT_NEAR(body.distance(foot).distance, 0, 1e-9);
     if (found.distance <= 0) continue;
-    EXPECT_LE(body.least_distance(p), found.distance + 1e-12);
     for (int k = 0; k < 10; ++k) {  // corners and others
       const Vector3 other = 0.3 * random.point(1).normalized(), of_it = other - std::max(0., body.distance(other).distance) * body.distance(other).normal;
       EXPECT_LE(found.normal.dot(of_it - foot), 1e-9);
@@ -280,6 +278,52 @@ TEST(ArmCapsules, what_is_held_is_where_the_model_has_the_flange) {
     arm.place(simulated.q, place);
     EXPECT_LT((place.a[arm.all().size() - 1] - simulated.cycle.O_T_EE.translation()).norm(), 1e-6);
   }
+}
+
+// However it was led there, and whatever it has seen on the way.
+TEST(WallGuard, says_of_a_way_what_one_says_that_knows_nothing_yet) {
+  Random random;
+  std::vector<Wall> walls;
+  for (int n = 0; n < 12; ++n) {
+    Shape shape = random.shape(kKinds[1 + n % 4]);
+    shape.size *= 0.2;
+    shape.O_T_S.translation() *= 1.5;
+    if (shape.mesh != nullptr) shape.mesh = std::make_shared<Mesh>(octahedron(shape.size), kOctahedron);
+    walls.push_back({static_cast<std::uint32_t>(n + 1), shape});
+  }
+  const auto make = [&] {
+    auto all = std::make_unique<Walls>(Walls{ArmCapsules(models::arm("fr3"), true), walls});
+    EXPECT_TRUE(all->arm.hold({0, 0, 0.1}, {0, 0, 0.3}, 0.02));
+    return all.release();
+  };
+  WallGuard guard;
+  guard.change(make());
+  int clear = 0, in_the_way = 0;
+  Vector7 q = Vector7::Map(models::kHome.data());
+  for (int n = 0; n < 3000; ++n) {
+    const Vector7 step = Vector7::NullaryExpr([&] { return random.in(-1, 1); });
+    q += (n % 100 == 0 ? 1 : 0.01) * step;
+    std::array<Vector7, WallGuard::kMostOnWay> way;
+    const double far = random.in(0, 0.3);
+    for (std::size_t k = 0; k < way.size(); ++k) way[k] = q + far * static_cast<double>(k + 1) / way.size() * step;
+    guard.look(q, step, step);
+    for (const bool or_so : {true, false}) {
+      WallGuard other;
+      other.change(make());
+      const bool is_clear = guard.clear(q, way, WallGuard::kClearance, or_so);
+      ASSERT_EQ(is_clear, other.clear(q, way, WallGuard::kClearance, or_so)) << n;
+      ++(is_clear ? clear : in_the_way);
+      WallGuard::Bounds of_guard, of_other;
+      const auto bounds = guard.bounds(of_guard), expected = other.bounds(of_other);
+      ASSERT_EQ(bounds.size(), expected.size()) << n;
+      for (std::size_t k = 0; k < bounds.size(); ++k) {
+        EXPECT_EQ(bounds[k].gradient, expected[k].gradient);
+        EXPECT_EQ(bounds[k].least, expected[k].least);
+      }
+    }
+  }
+  EXPECT_GT(clear, 500);
+  EXPECT_GT(in_the_way, 500);
 }
 
 // --- motions ----------------------------------------------------------------------------------------------------------------

@@ -75,12 +75,6 @@ Mesh::Mesh(const std::vector<Vector3>& corners, std::span<const std::array<std::
   for (const Vector3& corner : corners) reach_ = std::max(reach_, corner.norm());
 }
 
-double Mesh::least_distance(const Vector3& p) const noexcept {
-  double most = -std::numeric_limits<double>::infinity();
-  for (const Plane& plane : planes_) most = std::max(most, plane.normal.dot(p) - plane.height);
-  return most;
-}
-
 // Below the point, where that is within the triangle, or else on one of the edges that it is beyond.
 Mesh::Foot Mesh::foot(int triangle, const Vector3& p) const noexcept {
   const Triangle& t = triangles_[triangle];

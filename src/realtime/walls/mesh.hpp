@@ -18,8 +18,6 @@ class Mesh {
 
   // As distance() of a shape, but in S.
   Distance distance(const Vector3& p) const noexcept;
-  // No more than that, and quicker.
-  double least_distance(const Vector3& p) const noexcept;
   double reach() const noexcept { return reach_; }
 
  private:

@@ -105,11 +105,6 @@ Distance distance(const Shape& shape, const Vector3& O_point) noexcept {
   return {own.distance, R * own.normal};
 }
 
-double least_distance(const Shape& shape, const Vector3& O_point) noexcept {
-  if (shape.kind != Shape::Kind::kMesh) return distance(shape, O_point).distance;
-  return shape.mesh->least_distance(shape.O_T_S.linear().transpose() * (O_point - shape.O_T_S.translation()));
-}
-
 Nearest nearest(const Shape& shape, const Vector3& a, const Vector3& b) noexcept {
   const auto& R = shape.O_T_S.linear();
   const Vector3 p = R.transpose() * (a - shape.O_T_S.translation()), way = R.transpose() * (b - a);

@@ -35,8 +35,6 @@ struct Distance {
   Vector3 normal;   // in O
 };
 Distance distance(const Shape& shape, const Vector3& O_point) noexcept;
-// No more than that; of some bodies it is had more quickly.
-double least_distance(const Shape& shape, const Vector3& O_point) noexcept;
 
 // The point of a segment from a to b (in O, m) that is nearest to a body, or deepest in it.
 struct Nearest : Distance {

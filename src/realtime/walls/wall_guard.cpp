@@ -15,7 +15,8 @@ constexpr double kNear = 0.08;         // m that a capsule comes nearer on such 
 constexpr double kDetour = 1.5;        // times the way between its ends, that a capsule may be away from them
 constexpr double kSlack = 0.005;       // m, the same
 constexpr double kRounding = 1e-9;     // m
-constexpr int kPasses = 10;            // through the contacts, as each changes the others
+constexpr double kApart = 1e-4;        // m from a wall, below which rounding turns the normal
+constexpr int kPasses = 10;            // through the barriers, as each changes the others
 
 // Torque.
 constexpr double kStiffness = 5000;    // N/m, of the spring before a wall: 50 N before the wall itself is touched
@@ -46,7 +47,11 @@ double greatest_speed(double way) {
 WallGuard::~WallGuard() { delete walls_; }
 
 Walls* WallGuard::change(Walls* walls) noexcept {
-  contact_count_ = barrier_count_ = 0;
+  barrier_count_ = 0;
+  q_.fill(std::numeric_limits<double>::quiet_NaN());
+  for (auto& of_capsule : pairs_) {
+    for (Pair& pair : of_capsule) pair.height = kUnknown;
+  }
   const auto before = known_;
   const std::size_t count = walls_ != nullptr ? walls_->walls.size() : 0;
   for (std::size_t k = 0; walls != nullptr && k < walls->walls.size(); ++k) {
@@ -71,25 +76,37 @@ void WallGuard::Known::look(double now) noexcept {
   share = std::min(share + kTick / kRise, 1.);
 }
 
-// Balls about both of them may say so, or else a ball about the capsule.
-bool WallGuard::is_far(int capsule, int wall, const ArmCapsules::Place& place, double clearance) const noexcept {
-  const Vector3 half = (place.b[capsule] - place.a[capsule]) / 2, middle = place.a[capsule] + half;
-  const Shape& shape = walls_->walls[wall].shape;
-  const double least = clearance + half.norm() + walls_->arm.all()[capsule].radius, both = least + reach_[wall];
-  return (middle - shape.O_T_S.translation()).squaredNorm() > both * both || least_distance(shape, middle) > least;
+void WallGuard::Pair::keep(const Nearest& found) noexcept {
+  if (found.distance < kApart) return;
+  normal = found.normal;
+  height = normal.dot(found.point) - found.distance;
 }
 
-WallGuard::Contact WallGuard::contact(int capsule, int wall, const Nearest& found) const noexcept {
-  return {capsule, wall, found.distance - walls_->arm.all()[capsule].radius,
-          walls_->arm.gradient(here_, capsule, found.point, found.normal)};
+bool WallGuard::is_far(int capsule, int wall, const ArmCapsules::Place& place, double clearance) const noexcept {
+  const Vector3 half = (place.b[capsule] - place.a[capsule]) / 2, middle = place.a[capsule] + half;
+  const double least = clearance + walls_->arm.all()[capsule].radius, both = least + half.norm() + reach_[wall];
+  return (middle - walls_->walls[wall].shape.O_T_S.translation()).squaredNorm() > both * both ||
+         pairs_[capsule][wall].at_least(place.a[capsule], place.b[capsule]) > least;
+}
+
+const Nearest& WallGuard::nearest_here(int capsule, int wall) noexcept {
+  Pair& pair = pairs_[capsule][wall];
+  if (pair.posture != posture_) {
+    pair.nearest = nearest(walls_->walls[wall].shape, here_.a[capsule], here_.b[capsule]);
+    pair.posture = posture_;
+    pair.keep(pair.nearest);
+  }
+  return pair.nearest;
 }
 
 bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double clearance, bool or_so) noexcept {
   const ArmCapsules& arm = walls_->arm;
   arm.place(q, here_);
+  if (q != q_) ++posture_;
+  q_ = q;
+  clearance_ = clearance;
   const std::size_t steps = std::min<std::size_t>(way.size(), kMostOnWay);
   for (std::size_t k = 0; k < steps; ++k) arm.place(way[k], places_[k]);
-  contact_count_ = 0;
   bool all_clear = true;
   for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
     // None of its points goes farther than an end.
@@ -102,29 +119,50 @@ bool WallGuard::clear(const Vector7& q, std::span<const Vector7> way, double cle
     }
     const double radius = arm.all()[capsule].radius;
     for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
+      Pair& pair = pairs_[capsule][wall];
+      pair.in_the_way = false;
       if (is_far(capsule, wall, here_, clearance + reach)) continue;
-      const Shape& shape = walls_->walls[wall].shape;
-      const Nearest now = nearest(shape, here_.a[capsule], here_.b[capsule]);
+      const auto is_clear_by_now = [&](std::size_t k, double least, double enough) {
+        return least - gone[k] > enough || pair.at_least(places_[k].a[capsule], places_[k].b[capsule]) - radius > enough;
+      };
+      // The plane that was there tells most of them.
+      const double least = pair.at_least(here_.a[capsule], here_.b[capsule]) - radius;
+      std::size_t next = 0;
+      if (least > clearance) {
+        while (next < steps && is_clear_by_now(next, least, clearance)) ++next;
+        if (next == steps) continue;
+      }
+      const Nearest& now = nearest_here(capsule, wall);
       const double enough = (or_so ? std::min(clearance, now.distance - radius) : clearance) - kRounding;
       bool clear = true;
-      for (std::size_t k = 0; k < steps && clear; ++k) {
-        if (now.distance - radius - gone[k] > enough || is_far(capsule, wall, places_[k], enough)) continue;
-        clear = is_clear(shape, places_[k].a[capsule], places_[k].b[capsule], enough + radius);
+      for (; next < steps && clear; ++next) {
+        if (is_clear_by_now(next, now.distance - radius, enough)) continue;
+        clear = is_clear(walls_->walls[wall].shape, places_[next].a[capsule], places_[next].b[capsule], enough + radius);
       }
-      if (!clear) wall_ = walls_->walls[wall].id;
-      all_clear &= clear;
-      // Not only those in the way: a step past one of them must not lead to another.
-      if ((!clear || now.distance - radius < clearance + kNear) && contact_count_ < kMostContacts) {
-        contacts_[contact_count_++] = contact(capsule, wall, now);
-      }
+      if (clear) continue;
+      pair.in_the_way = true;
+      wall_ = walls_->walls[wall].id;
+      all_clear = false;
     }
   }
   return all_clear;
 }
 
-std::span<const JointBound> WallGuard::bounds(Bounds& out) const noexcept {
-  for (int k = 0; k < contact_count_; ++k) out[k] = {contacts_[k].gradient, kClearance + kRoom - contacts_[k].distance};
-  return {out.data(), static_cast<std::size_t>(contact_count_)};
+// Not only of what is in the way: a step past that must not lead to another.
+std::span<const JointBound> WallGuard::bounds(Bounds& out) noexcept {
+  const ArmCapsules& arm = walls_->arm;
+  std::size_t count = 0;
+  for (int capsule = 0; capsule < static_cast<int>(arm.all().size()); ++capsule) {
+    for (int wall = 0; wall < static_cast<int>(walls_->walls.size()) && count < kMostBounds; ++wall) {
+      const bool in_the_way = pairs_[capsule][wall].in_the_way;
+      if (!in_the_way && is_far(capsule, wall, here_, clearance_ + kNear)) continue;
+      const Nearest& now = nearest_here(capsule, wall);
+      const double distance = now.distance - arm.all()[capsule].radius;
+      if (!in_the_way && distance >= clearance_ + kNear) continue;
+      out[count++] = {arm.gradient(here_, capsule, now.point, now.normal), kClearance + kRoom - distance};
+    }
+  }
+  return {out.data(), count};
 }
 
 // Where there is no room for all, the one that asks for least gives way.
@@ -180,20 +218,29 @@ void WallGuard::look(const Vector7& q, const Vector7& dq, const Vector7& dq_to_c
     const double fast =
         std::max({a.squaredNorm(), b.squaredNorm(), a_to_come.squaredNorm(), b_to_come.squaredNorm()}) / (kFarFrom * kFarFrom);
     const double horizon = std::min(kClearance + fast / (2 * kBrake), kHorizon);
+    const double radius = arm.all()[capsule].radius;
     for (int wall = 0; wall < static_cast<int>(walls_->walls.size()); ++wall) {
       if (is_far(capsule, wall, here_, horizon)) continue;
+      Pair& pair = pairs_[capsule][wall];
+      // Nor by far as fast as it could still be braked before a plane that the wall is behind.
+      const double way = pair.at_least(here_.a[capsule], here_.b[capsule]) - radius - kClearance;
+      if (way > 2 * kLast) {
+        const double speed = -std::min({pair.normal.dot(a), pair.normal.dot(b), pair.normal.dot(a_to_come), pair.normal.dot(b_to_come)});
+        if (speed < kFarFrom * greatest_speed(way)) continue;
+      }
       const Shape& shape = walls_->walls[wall].shape;
       const Nearest found = nearest(shape, here_.a[capsule], here_.b[capsule]);
+      pair.keep(found);
       const auto look = [&](const Nearest& at) {
-        const Contact near = contact(capsule, wall, at);
-        deepest[wall] = std::max(deepest[wall], kClearance - near.distance);
-        if (near.distance < kClearance) near_ |= HeldBy::kWall;
-        if (look_at(near.distance - kClearance, near.gradient, wall)) wall_ = walls_->walls[wall].id;
+        const double near = at.distance - radius;
+        deepest[wall] = std::max(deepest[wall], kClearance - near);
+        if (near < kClearance) near_ |= HeldBy::kWall;
+        if (look_at(near - kClearance, arm.gradient(here_, capsule, at.point, at.normal), wall)) wall_ = walls_->walls[wall].id;
       };
       look(found);
       // The nearest place of a capsule that lies along a wall leaps from one end to the other when it tilts.
       for (const Vector3& end : {here_.a[capsule], here_.b[capsule]}) {
-        if (end == found.point) continue;
+        if (end == found.point || pair.at_least(end, end) >= found.distance + kAlike) continue;
         const Distance own = distance(shape, end);
         if (own.distance < found.distance + kAlike) look({own, end});
       }

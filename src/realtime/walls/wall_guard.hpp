@@ -1,7 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -58,7 +60,7 @@ class WallGuard {
 
   // What keeps a change of the joints, from where they were in the last clear(), kClearance away from what was near there.
   using Bounds = std::array<JointBound, kMostBounds>;
-  std::span<const JointBound> bounds(Bounds& out) const noexcept;
+  std::span<const JointBound> bounds(Bounds& out) noexcept;
 
   // Once in a cycle of torques: where the arm is, and what velocity the torque that acts may bring it to (rad/s). Then what is added
   // to tau_J_d, N m; `mobility` is joint_mobility() there, c the Coriolis torque (N m). Returns for what: kWall, kItself.
@@ -74,11 +76,19 @@ class WallGuard {
   std::uint32_t wall() const noexcept { return wall_; }
 
  private:
-  // A capsule and a wall near each other, at one posture.
-  struct Contact {
-    int capsule, wall;
-    double distance;   // m
-    Vector7 gradient;  // of it, m/rad
+  static constexpr double kUnknown = std::numeric_limits<double>::infinity();
+  // Of a capsule and a wall: a plane that all of the wall is behind, as it was found when that was last asked for; and what is nearest at
+  // the posture of clear(), which several looks from there have in common.
+  struct Pair {
+    // What lies between a and b is no nearer to the wall than that, m.
+    double at_least(const Vector3& a, const Vector3& b) const noexcept { return std::min(normal.dot(a), normal.dot(b)) - height; }
+    void keep(const Nearest& found) noexcept;
+
+    Vector3 normal = Vector3::Zero();
+    double height = kUnknown;  // m
+    std::uint64_t posture = 0;
+    Nearest nearest;
+    bool in_the_way = false;
   };
   static constexpr int kMostContacts = kMostBounds;
   // Of what is near, at which acceleration (m/s²) at least it has to go away.
@@ -101,10 +111,10 @@ class WallGuard {
     double share = 0;     // of its spring, that is there
   };
 
-  Contact contact(int capsule, int wall, const Nearest& nearest) const noexcept;
+  const Nearest& nearest_here(int capsule, int wall) noexcept;
   void keep(const Barrier& barrier) noexcept;
   static double too_fast(const Barrier& barrier, const Vector7& dq, const Vector7& ddq, const Vector7& rate, const Vector7& tau) noexcept;
-  // That they are farther from each other than `clearance`, m, where that is told at little cost.
+  // That they are farther from each other than `clearance`, m, where balls about both of them say so, or the plane between them.
   bool is_far(int capsule, int wall, const ArmCapsules::Place& place, double clearance) const noexcept;
 
   Walls* walls_ = nullptr;
@@ -113,10 +123,12 @@ class WallGuard {
   Known itself_;
   std::uint32_t wall_ = 0;
 
+  std::array<std::array<Pair, Walls::kMost>, ArmCapsules::kMost> pairs_;
+  Vector7 q_ = Vector7::Constant(std::numeric_limits<double>::quiet_NaN());  // in the last clear(), and its number
+  std::uint64_t posture_ = 0;
+  double clearance_ = 0;  // m, in the last clear()
   ArmCapsules::Place here_;
   std::array<ArmCapsules::Place, kMostOnWay> places_;
-  std::array<Contact, kMostContacts> contacts_;
-  int contact_count_ = 0;
   std::array<Barrier, kMostContacts> barriers_;
   int barrier_count_ = 0;
   HeldBy near_ = HeldBy::kNothing;  // nearer than where a spring begins
