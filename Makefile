@@ -153,7 +153,7 @@ CONTENTS = { $(VENV)/bin/python -c 'import sys; print(sys.version_info[:2])'; \
 
 $(VENV)/.installed: requirements.lock requirements-meshes.lock | packages
 	@$(ALONE); test $@ -nt requirements.lock && test $@ -nt requirements-meshes.lock && exit; \
-	test -d $(VENV) || rm -f $(VENV); \
+	test -d $(VENV) -a ! -L $(VENV) || rm -f $(VENV); \
 	echo "Installing requirements.lock in $(VENV)"; \
 	$(PYTHON) -m venv --clear $(VENV) && $(VENV)/bin/python -m pip install --disable-pip-version-check --no-compile --no-deps --require-hashes \
 	  -r requirements.lock -r requirements-meshes.lock || { echo "Not installed in $(VENV): what pip names above, and all after \

@@ -1,5 +1,6 @@
 """Simulated arms with servers for the tests: in lockstep."""
 
+import collections
 import functools
 import os
 import shutil
@@ -21,6 +22,21 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 HOME = np.array(FrankaConstants.HOME_JOINTS)
 # rad/s: of FER and, beyond its envelope, FR3 (frankarobotics.github.io, robot and interface specifications).
 FASTEST = {"fer": [2.175] * 4 + [2.61] * 3, "fr3": [2.62] * 4 + [5.26, 4.18, 5.26]}
+
+
+def pytest_collection_modifyitems(items):
+    """Of tests that run on both models leave the FER's to `make nightly`: most others run on that one alone."""
+
+    def model(item) -> set[str]:
+        parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
+        return {each for each in parameters if isinstance(each, str)} & {"fer", "fr3"}
+
+    models = collections.defaultdict(set)
+    for item in items:
+        models[item.function] |= model(item)
+    for item in items:
+        if len(models[item.function]) == 2 and "fer" in model(item):
+            item.add_marker(pytest.mark.nightly)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -83,14 +83,14 @@ PICTURES = {"recording.py": ["recording.png"], "imitation.py": ["imitation.png"]
     ("script", "arms"),
     [
         ("first_motion.py", [SimulatedArm(lockstep=True)]),
-        ("pick_and_place.py", [SimulatedArm(lockstep=True, scene=SCENE)]),
+        pytest.param("pick_and_place.py", [SimulatedArm(lockstep=True, scene=SCENE)], marks=pytest.mark.nightly),
         ("stiffness.py", [SimulatedArm(lockstep=True)]),
         ("two_arms.py", [SimulatedArm("fr3", lockstep=True), SimulatedArm("fer", lockstep=True)]),
         ("contact.py", [SimulatedArm(lockstep=True, scene=PLATE)]),
-        ("force_control.py", [SimulatedArm(lockstep=True, scene=PLATE)]),
-        ("recording.py", [SimulatedArm(lockstep=True)]),
-        ("imitation.py", [SimulatedArm(lockstep=True)]),
-        ("guidance_and_replay.py", [SimulatedArm(lockstep=True)]),
+        pytest.param("force_control.py", [SimulatedArm(lockstep=True, scene=PLATE)], marks=pytest.mark.nightly),
+        pytest.param("recording.py", [SimulatedArm(lockstep=True)], marks=pytest.mark.nightly),
+        pytest.param("imitation.py", [SimulatedArm(lockstep=True)], marks=pytest.mark.nightly),
+        pytest.param("guidance_and_replay.py", [SimulatedArm(lockstep=True)], marks=pytest.mark.nightly),
     ],
 )
 def test_an_example_runs(script, arms, tmp_path):

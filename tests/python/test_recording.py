@@ -155,6 +155,7 @@ class FigureCanvas(FigureCanvasAgg):
 """
 
 
+@pytest.mark.nightly
 def test_its_page_is_shown_in_a_window_where_there_is_a_screen(recorded, tmp_path, capsys):
     _, recording = recorded
     (tmp_path / "screen.py").write_text(SCREEN)

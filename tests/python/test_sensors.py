@@ -98,7 +98,10 @@ def test_joints_that_are_published_are_gone_to(fa, controller):
     assert fa.last_skill_result.ending == proto.STOPPED
 
 
-@pytest.mark.parametrize("controller", [InternalImpedance(), CartesianImpedance(600, 50), JointImpedance()])
+@pytest.mark.parametrize(
+    "controller",
+    [InternalImpedance(), *(pytest.param(law, marks=pytest.mark.nightly) for law in (CartesianImpedance(600, 50), JointImpedance()))],
+)
 def test_poses_out_of_reach_are_gone_to_as_far_as_it_goes_and_left_again(fa, controller):
     fa.goto_joints(HOME, 1)
     home = fa.get_pose()

@@ -50,6 +50,15 @@ def test_what_is_cut_off_half_way_is_made_anew(make_setup, tmp_path, lost):
     assert make_setup() == (0, "")
 
 
+def test_what_is_a_link_to_anothers_is_replaced_and_theirs_left_alone(make_setup, tmp_path):
+    (tmp_path / "venv").rename(tmp_path / "theirs")
+    (tmp_path / "theirs" / "lib" / "package").write_text("their own code\n")
+    (tmp_path / "venv").symlink_to(tmp_path / "theirs")
+    assert make_setup()[0] == 0
+    assert (tmp_path / "venv" / "lib" / "package").read_text() == "code\n"
+    assert (tmp_path / "theirs" / "lib" / "package").read_text() == "their own code\n"
+
+
 def test_a_file_that_is_shorter_than_installed_is_mended(make_setup, tmp_path):
     (tmp_path / "venv" / "lib" / "package").write_text("")
     status, said = make_setup()

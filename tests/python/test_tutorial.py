@@ -17,6 +17,7 @@ def scripts() -> dict[str, str]:
     return dict(re.findall(r"^```python (\S+)\n(.*?)^```", TUTORIAL.read_text(), re.MULTILINE | re.DOTALL))
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(120)
 def test_the_tutorial_puts_the_peg_into_its_hole(start, monkeypatch, capsys):
     arm = start(scene="peg_in_hole")
