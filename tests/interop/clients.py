@@ -6,6 +6,7 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from peer import NOT_INSTALLED, REPOSITORY, Result, free_address, run_installed, tabled
@@ -128,10 +129,14 @@ def run(build: Path, lockstep: bool) -> Iterator[Result]:
     """Every client, with the arm in real time and in lockstep, or in lockstep alone, where the table has to be as it is."""
     modes = ["lockstep"] if lockstep else MODES
     program = build / "bin" / "fci-sim"
+
+    def rows_of(client: Client) -> list[Result]:
+        return list(run_installed(client.name, client.version, functools.partial(try_modes, client, program, modes)))
+
     results = []
-    for client in CLIENTS:
-        for result in run_installed(client.name, client.version, functools.partial(try_modes, client, program, modes)):
-            results.append(result)
-            yield result
+    with ThreadPoolExecutor(len(CLIENTS) if lockstep else 1) as side_by_side:
+        for some in side_by_side.map(rows_of, CLIENTS):
+            results += some
+            yield from some
     if not any(result.capability == NOT_INSTALLED for result in results):
         yield from tabled(TABLE, table([result for result in results if result.mode == "lockstep"]), write=not lockstep)
