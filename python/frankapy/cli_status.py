@@ -134,9 +134,10 @@ def _topic_rows(topics: proto.Topics) -> list[tuple[str, str]]:
     rows = []
     for topic in topics.topics:
         rate = f"{1 / topic.period:.1f} Hz, " if topic.period else ""
-        counts = [f"{getattr(topic, field)} {what}" for field, what in _TOPIC_COUNTS.items() if getattr(topic, field)]
-        listens = f"; skill {', '.join(map(str, topic.skills))} listens" if topic.skills else "; no skill listens"
-        rows.append(("topic", f"{topic.topic}: {topic.message}, {rate}{topic.age:.1f} s old; {', '.join(counts)}{listens}"))
+        newest = f"{topic.message}, {rate}{topic.age:.1f} s old" if topic.HasField("age") else "nothing has come"
+        counts = ", ".join(f"{getattr(topic, field)} {what}" for field, what in _TOPIC_COUNTS.items() if getattr(topic, field))
+        listens = f"skill {', '.join(map(str, topic.skills))} listens" if topic.skills else "no skill listens"
+        rows.append(("topic", f"{topic.topic}: {'; '.join(filter(None, (newest, counts, listens)))}"))
         if topic.why_refused:
             rows.append(("", f"refused last: {topic.why_refused}"))
     if topics.garbage:

@@ -952,12 +952,12 @@ class FrankaArm(Connected):
         return self.walls
 
     def topics(self) -> dict[str, proto.Topics.Topic]:
-        """Return what came over each topic since the arm's process began.
+        """Return what came over each topic since the arm's process began, and what skills that are there listen to.
 
         Of each: how many were `received`, `lost`, `out_of_order`, `late` (by 20 ms to 0.5 s), `stale` (by more, or by more
         than the timeout of the part that listens, and then dropped), `refused` and `why_refused`, `overrun`; how often nothing
-        came for that timeout (`silences`); `age` (s) of the newest, `period` (s) between the newest, and the `skills` that
-        listen.
+        came for that timeout (`silences`); `age` (s) of the newest (absent before one came), `period` (s) between the newest,
+        and the `skills` that listen.
         """
         return {topic.topic: topic for topic in self._server.ask(proto.Request(list_topics=proto.ListTopics())).topics.topics}
 

@@ -111,16 +111,19 @@ void SensorHub::release(std::uint64_t skill, const Inputs& inputs) {
 void SensorHub::describe(proto::Topics& out) const {
   out.set_garbage(garbage());
   const std::lock_guard lock(mutex_);
+  std::map<std::string, proto::Topics::Topic> all;
   for (const auto& [name, topic] : topics_) {
-    auto& told = *out.add_topics();
-    told = topic.told;
+    all[name] = topic.told;
+    all[name].set_age(1e-9 * static_cast<double>(now_ns() - topic.arrived_ns));
+  }
+  for (const Listener& listener : listeners_) {
+    auto& told = all[listener.input->topic()];
+    if (told.skills().empty() || *told.skills().rbegin() != listener.skill) told.add_skills(listener.skill);
+    told.set_stale(told.stale() + listener.input->outdated());
+  }
+  for (auto& [name, told] : all) {
     told.set_topic(name);
-    told.set_age(1e-9 * static_cast<double>(now_ns() - topic.arrived_ns));
-    for (const Listener& listener : listeners_) {
-      if (listener.input->topic() != name) continue;
-      told.add_skills(listener.skill);
-      told.set_stale(told.stale() + listener.input->outdated());
-    }
+    *out.add_topics() = std::move(told);
   }
 }
 

@@ -54,12 +54,16 @@ def led(simulation):
 
     def lead():
         with FrankaArm(server=simulation.server) as reader:
-            reader.wait_for(takes_hold, 300)
+            reader.wait_for(lambda state: over.is_set() or takes_hold(state), 300)
 
+    over = threading.Event()
     person = threading.Thread(target=lead)
     person.start()
-    yield
-    person.join()
+    try:
+        yield
+    finally:
+        over.set()
+        person.join()
 
 
 def test_the_readmes_scripts_run_one_after_the_other(start, monkeypatch):

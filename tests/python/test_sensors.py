@@ -497,6 +497,19 @@ def test_however_many_topics_there_were_a_new_one_is_heard(fa):
     assert fa.last_skill_result.termination == "SensorSays"
 
 
+def test_a_topic_is_told_of_as_soon_as_a_skill_listens(fa, ideal_arm, capsys):
+    fa.run(StreamJoint("awaited"), InternalImpedance(), [SensorSays("awaited"), Never()], block=False)
+    topic = fa.topics()["awaited"]
+    assert topic.received == 0
+    assert not topic.HasField("age")
+    assert len(topic.skills) == 1
+    assert repr(topic).count("nothing yet") == 1
+    assert cli.main(["status", "--server", ideal_arm.server]) == 0
+    assert f"awaited: nothing has come; skill {topic.skills[0]} listens" in " ".join(capsys.readouterr().out.split())
+    fa.stop_skill()
+    assert "awaited" not in fa.topics()
+
+
 def test_what_a_script_publishes_right_before_it_exits_arrives(fa, ideal_arm):
     fa.run(StayJoint(1000), InternalImpedance(), [SensorSays("bye"), Never()], block=False)
     script = (
@@ -514,7 +527,7 @@ def test_a_message_is_for_the_first_skill_that_listens(fa):
         for _ in range(2):
             fa.run(StayJoint(1), InternalImpedance(), SensorSays("shared"))
         publisher.publish(GO_ON)
-        wait_for(fa, lambda: "shared" in fa.topics() and len(fa.topics()["shared"].skills) == 2)
+        wait_for(fa, lambda: fa.topics()["shared"].received and len(fa.topics()["shared"].skills) == 2)
         wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
         first = fa.get_arm_state().skill_id
         publisher.publish(END)
@@ -531,7 +544,7 @@ def test_an_end_is_heard_among_any_number_of_messages(fa):
         for _ in range(2000):
             publisher.publish(GO_ON)
         publisher.publish(END)
-        wait_for(fa, lambda: "busy" in fa.topics() and fa.topics()["busy"].received == 2001)
+        wait_for(fa, lambda: fa.topics()["busy"].received == 2001)
         assert fa.topics()["busy"].overrun == 0
     fa.wait_for_skill()
     assert fa.last_skill_result.termination == "SensorSays"
@@ -568,12 +581,12 @@ def test_what_makes_no_sense_is_refused_counted_and_named(fa, ideal_arm):
     with fa.publisher("strict") as publisher:
 
         def refused(message, says):
-            before = fa.topics()["strict"].refused if "strict" in fa.topics() else 0
+            before = fa.topics()["strict"].refused
             envelope = proto.SensorMessage(topic="strict", publisher=7, sequence=refused.sequence, sent_ns=refused.sent)
             envelope.message.Pack(message)
             publisher._socket.send(envelope.SerializeToString())
             refused.sequence += 1
-            wait_for(fa, lambda: "strict" in fa.topics() and fa.topics()["strict"].refused > before)
+            wait_for(fa, lambda: fa.topics()["strict"].refused > before)
             assert says in fa.topics()["strict"].why_refused
 
         refused.sequence, refused.sent = 1, time.time_ns()
@@ -631,7 +644,7 @@ def test_what_took_longer_on_its_way_is_counted_and_without_a_timeout_taken(fa):
     sent = time.time_ns()
     with fa.publisher("slow") as publisher:
         publish(publisher, 1, sent, positions(HOME))
-        wait_for(fa, lambda: "slow" in fa.topics())
+        wait_for(fa, lambda: fa.topics()["slow"].received)
         time.sleep(1)
         publish(publisher, 2, sent, positions(NEAR))
         wait_for(fa, lambda: np.abs(fa.get_joints() - NEAR).max() < 0.01)
@@ -746,7 +759,7 @@ def test_the_status_says_who_commands(fa, ideal_arm, capsys):
     with fa.publisher("shown") as publisher:
         for _ in range(3):
             publisher.publish(proto.JointPositionSensorMessage(joints=HOME))
-        wait_for(fa, lambda: "shown" in fa.topics() and fa.topics()["shown"].received == 3)
+        wait_for(fa, lambda: fa.topics()["shown"].received == 3)
     wait_for(fa, lambda: fa.get_arm_state().phase == proto.RUNNING)
     assert f"pid {os.getpid()}" in fa.server_status().commander
     before = fa.server_status().motion_cycles

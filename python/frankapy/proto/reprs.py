@@ -87,7 +87,9 @@ def _topic(topic: Any) -> list[str]:
     for field in ("lost", "out_of_order", "late", "stale", "refused", "overrun", "silences"):
         if count := getattr(topic, field):
             words.append(f"{count} {field.replace('_', ' ')}")
-    return [*words, f"newest {topic.age:.3f} s ago", *([topic.why_refused] if topic.why_refused else [])]
+    if topic.HasField("age"):
+        words.append(f"newest {topic.age:.3f} s ago")
+    return [*words, *([topic.why_refused] if topic.why_refused else [])]
 
 
 def _gripper_result(result: Any) -> list[str]:

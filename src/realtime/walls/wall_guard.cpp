@@ -42,6 +42,9 @@ double greatest_speed(double way) {
   return left < 2 * kLast ? kSettle * left : std::sqrt(2 * kBrake * (left - kLast));
 }
 
+// Whether nothing is done about what nears at that speed (m/s), that way (m) from where a spring begins.
+bool is_slow(double way, double speed) { return way > 2 * kLast && speed <= kFarFrom * greatest_speed(way); }
+
 }  // namespace
 
 WallGuard::~WallGuard() { delete walls_; }
@@ -185,7 +188,7 @@ void WallGuard::look(const Vector7& q, const Vector7& dq, const Vector7& dq_to_c
   const auto look_at = [&](double way, const Vector7& gradient, int wall) {
     const double speed = -gradient.dot(dq), greatest = greatest_speed(way);
     double least = kNothing * (1 + way);
-    if (way <= 2 * kLast || speed > kFarFrom * greatest) {
+    if (!is_slow(way, speed)) {
       const double falls = way < 2 * kLast ? kSettle : kBrake / greatest;  // as the way does
       least = kApproach * (speed - greatest) + falls * speed;
     }
@@ -224,10 +227,8 @@ void WallGuard::look(const Vector7& q, const Vector7& dq, const Vector7& dq_to_c
       Pair& pair = pairs_[capsule][wall];
       // Nor by far as fast as it could still be braked before a plane that the wall is behind.
       const double way = pair.at_least(here_.a[capsule], here_.b[capsule]) - radius - kClearance;
-      if (way > 2 * kLast) {
-        const double speed = -std::min({pair.normal.dot(a), pair.normal.dot(b), pair.normal.dot(a_to_come), pair.normal.dot(b_to_come)});
-        if (speed < kFarFrom * greatest_speed(way)) continue;
-      }
+      const double speed = -std::min({pair.normal.dot(a), pair.normal.dot(b), pair.normal.dot(a_to_come), pair.normal.dot(b_to_come)});
+      if (is_slow(way, speed)) continue;
       const Shape& shape = walls_->walls[wall].shape;
       const Nearest found = nearest(shape, here_.a[capsule], here_.b[capsule]);
       pair.keep(found);
