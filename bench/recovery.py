@@ -10,8 +10,11 @@ stops the bench is the person who is asked.
   recovery_reported           of these: the result said what stood in the way, and the person's Recover then did it
   recovery_not_recovered      of these: after which the next motion did not come to its goal
   recovery_hung               of these: no result, or none of Recover, within 20 s
+  recovery_stalls             motions that this computer ended by itself, as it stood still for too long: an error that was to come then
+                              is raised again, and a motion after one is begun again
 """
 
+import collections
 import json
 import logging
 import re
@@ -30,6 +33,7 @@ from frankapy.sim import Simulation
 ERRORS = 1000
 ARMS_OWN = 50.0  # ms: kRecoveryCycles of sim/robot/robot.cpp
 LONGEST = 20.0  # s
+TRIES = 5  # for a motion that nothing is to befall
 HOME = np.array(FrankaConstants.HOME_JOINTS)
 STEP = np.array([0.1, 0.1, 0, 0, 0, 0.1, 0])
 TIME = 0.4  # s of a motion
@@ -61,16 +65,35 @@ def ready(fa: FrankaArm) -> bool:
     return False
 
 
+def move_on(fa: FrankaArm) -> tuple[str, int]:
+    """Return why the arm does not move home, or "", and how often this computer stood still meanwhile."""
+    failure = ""
+    for stalls in range(TRIES):
+        before = fa.last_skill_result.skill_id
+        try:
+            fa.goto_joints(HOME, TIME, ignore_errors=False)
+        except FrankaArmException as failed:
+            failure = str(failed)
+            result = fa.last_skill_result
+            if result.skill_id == before or LOST not in result.errors or not until(lambda: ready(fa)):
+                return failure, stalls
+        else:
+            return "", stalls
+    return failure, TRIES
+
+
 def main() -> int:
     random = np.random.default_rng(1)
     logging.getLogger("frankapy").setLevel(logging.ERROR)
     ms = []
-    counts = dict.fromkeys(("by_itself", "reported", "not_recovered", "hung"), 0)
+    counts = dict.fromkeys(("by_itself", "reported", "not_recovered", "hung", "stalls"), 0)
     kinds = [*NAMES, *MISHAPS]
     with Simulation() as simulation, FrankaArm(server=simulation.server) as fa:
         fa.reset_joints(1)
-        for n in tqdm(range(ERRORS), unit="error"):
-            kind = kinds[n % len(kinds)]
+        left = collections.deque(kinds[n % len(kinds)] for n in range(ERRORS))
+        bar = tqdm(total=ERRORS, unit="error")
+        while left:
+            kind = left[0]
             begin, end, error = MISHAPS.get(kind, (lambda sim, kind=kind: sim.inject(kind), lambda _: None, kind))
             fa.goto_joints(HOME + STEP, TIME, block=False)
             time.sleep(random.uniform(0.05, 0.8) * TIME)
@@ -79,8 +102,12 @@ def main() -> int:
             now = time.monotonic_ns()
             end(simulation)
             result = fa.last_skill_result
+            if told and error != LOST and LOST in result.errors:
+                counts["stalls"] += 1
+                until(lambda: ready(fa))
+                continue
             if told and (result.ending != proto.ROBOT_ERROR or (error and error not in result.errors)):
-                print(f"{kind}: ended with {proto.Ending.Name(result.ending)}, {list(result.errors)}", file=sys.stderr)
+                bar.write(f"{kind}: ended with {proto.Ending.Name(result.ending)}, {list(result.errors)}", file=sys.stderr)
             if told and result.recovery.recovered:
                 counts["by_itself"] += 1
             elif told and until(lambda: ready(fa)):
@@ -90,12 +117,15 @@ def main() -> int:
                 counts["hung"] += 1
             if error:
                 ms.append((now - result.last_cycle_ns) / 1e6 - ARMS_OWN)
-            try:
-                fa.goto_joints(HOME, TIME, ignore_errors=False)
-            except FrankaArmException as failed:
-                print(f"after {kind}: {failed}", file=sys.stderr)
+            failure, stalls = move_on(fa)
+            counts["stalls"] += stalls
+            if failure:
+                bar.write(f"after {kind}: {failure}", file=sys.stderr)
                 counts["not_recovered"] += 1
                 until(lambda: ready(fa))
+            left.popleft()
+            bar.update()
+        bar.close()
     print(f"ready again: p50 {np.median(ms):.1f}, p99 {np.percentile(ms, 99):.1f}, at most {max(ms):.1f} ms", file=sys.stderr)
     entries = {"recovery_ms_p50": float(np.median(ms)), "recovery_ms_p99": float(np.percentile(ms, 99)), "recovery_errors": ERRORS}
     print(json.dumps(entries | {f"recovery_{name}": count for name, count in counts.items()}))
