@@ -11,10 +11,9 @@ stops the bench is the person who is asked.
   recovery_not_recovered      of these: after which the next motion did not come to its goal
   recovery_hung               of these: no result, or none of Recover, within 20 s
   recovery_stalls             motions that this computer ended by itself, as it stood still for too long: an error that was to come then
-                              is raised again, and a motion after one is begun again
+                              is raised again, and a motion after one is begun again; with more than 50 the bench ends, and has failed
 """
 
-import collections
 import json
 import logging
 import re
@@ -33,7 +32,7 @@ from frankapy.sim import Simulation
 ERRORS = 1000
 ARMS_OWN = 50.0  # ms: kRecoveryCycles of sim/robot/robot.cpp
 LONGEST = 20.0  # s
-TRIES = 5  # for a motion that nothing is to befall
+MOST_STALLS = 50  # beyond these it is not this computer alone
 HOME = np.array(FrankaConstants.HOME_JOINTS)
 STEP = np.array([0.1, 0.1, 0, 0, 0, 0.1, 0])
 TIME = 0.4  # s of a motion
@@ -65,21 +64,15 @@ def ready(fa: FrankaArm) -> bool:
     return False
 
 
-def move_on(fa: FrankaArm) -> tuple[str, int]:
-    """Return why the arm does not move home, or "", and how often this computer stood still meanwhile."""
-    failure = ""
-    for stalls in range(TRIES):
-        before = fa.last_skill_result.skill_id
-        try:
-            fa.goto_joints(HOME, TIME, ignore_errors=False)
-        except FrankaArmException as failed:
-            failure = str(failed)
-            result = fa.last_skill_result
-            if result.skill_id == before or LOST not in result.errors or not until(lambda: ready(fa)):
-                return failure, stalls
-        else:
-            return "", stalls
-    return failure, TRIES
+def move_on(fa: FrankaArm) -> str | None:
+    """Move home; return why not, or that this computer stood still meanwhile (LOST), or None."""
+    before = fa.last_skill_result.skill_id
+    try:
+        fa.goto_joints(HOME, TIME, ignore_errors=False)
+    except FrankaArmException as failed:
+        result = fa.last_skill_result
+        return LOST if result.skill_id != before and LOST in result.errors else str(failed)
+    return None
 
 
 def main() -> int:
@@ -88,12 +81,11 @@ def main() -> int:
     ms = []
     counts = dict.fromkeys(("by_itself", "reported", "not_recovered", "hung", "stalls"), 0)
     kinds = [*NAMES, *MISHAPS]
-    with Simulation() as simulation, FrankaArm(server=simulation.server) as fa:
+    bar = tqdm(total=ERRORS, unit="error")
+    with Simulation() as simulation, FrankaArm(server=simulation.server) as fa, bar:
         fa.reset_joints(1)
-        left = collections.deque(kinds[n % len(kinds)] for n in range(ERRORS))
-        bar = tqdm(total=ERRORS, unit="error")
-        while left:
-            kind = left[0]
+        while bar.n < ERRORS and counts["stalls"] <= MOST_STALLS:
+            kind = kinds[bar.n % len(kinds)]
             begin, end, error = MISHAPS.get(kind, (lambda sim, kind=kind: sim.inject(kind), lambda _: None, kind))
             fa.goto_joints(HOME + STEP, TIME, block=False)
             time.sleep(random.uniform(0.05, 0.8) * TIME)
@@ -117,19 +109,17 @@ def main() -> int:
                 counts["hung"] += 1
             if error:
                 ms.append((now - result.last_cycle_ns) / 1e6 - ARMS_OWN)
-            failure, stalls = move_on(fa)
-            counts["stalls"] += stalls
+            while (failure := move_on(fa)) == LOST and counts["stalls"] <= MOST_STALLS and until(lambda: ready(fa)):
+                counts["stalls"] += 1
             if failure:
                 bar.write(f"after {kind}: {failure}", file=sys.stderr)
                 counts["not_recovered"] += 1
                 until(lambda: ready(fa))
-            left.popleft()
             bar.update()
-        bar.close()
     print(f"ready again: p50 {np.median(ms):.1f}, p99 {np.percentile(ms, 99):.1f}, at most {max(ms):.1f} ms", file=sys.stderr)
-    entries = {"recovery_ms_p50": float(np.median(ms)), "recovery_ms_p99": float(np.percentile(ms, 99)), "recovery_errors": ERRORS}
+    entries = {"recovery_ms_p50": float(np.median(ms)), "recovery_ms_p99": float(np.percentile(ms, 99)), "recovery_errors": bar.n}
     print(json.dumps(entries | {f"recovery_{name}": count for name, count in counts.items()}))
-    return int(counts["not_recovered"] + counts["hung"] > 0)
+    return int(bar.n < ERRORS or counts["not_recovered"] + counts["hung"] > 0)
 
 
 if __name__ == "__main__":

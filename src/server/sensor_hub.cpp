@@ -118,7 +118,8 @@ void SensorHub::describe(proto::Topics& out) const {
   }
   for (const Listener& listener : listeners_) {
     auto& told = all[listener.input->topic()];
-    if (told.skills().empty() || *told.skills().rbegin() != listener.skill) told.add_skills(listener.skill);
+    const auto& skills = told.skills();
+    if (std::find(skills.begin(), skills.end(), listener.skill) == skills.end()) told.add_skills(listener.skill);
     told.set_stale(told.stale() + listener.input->outdated());
   }
   for (auto& [name, told] : all) {

@@ -61,8 +61,10 @@ def led(simulation):
     person.start()
     try:
         yield
-    finally:
+    except BaseException:
         over.set()
+        raise
+    finally:
         person.join()
 
 
