@@ -38,7 +38,11 @@ if(SANITIZE)
   add_link_options(-fsanitize=${SANITIZE})
   # Half of the time where Eigen's expressions are many, which take no bytes apart: for the rooms of those.
   if(SANITIZE MATCHES undefined)
-    set(WITHOUT_BYTES -fno-sanitize=alignment,pointer-overflow,vptr)
+    set(bytes alignment,pointer-overflow,vptr)
+    set(WITHOUT_BYTES -fno-sanitize=${bytes})
+    set(WITH_BYTES -fsanitize=${bytes})
+    # Calls instead of checks in line.
+    add_compile_options(--param=asan-instrumentation-with-call-threshold=0)
   endif()
   # With the address sanitizer Eigen would align its memory by hand, and could not free what the wheels' Eigen took with
   # malloc, nor they ours. The sanitizer's malloc is aligned enough.

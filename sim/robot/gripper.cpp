@@ -18,7 +18,7 @@ constexpr double kPeakForce = 140;  // N
 
 // What Franka does not publish: a drive as stiff as a screw or rack is, at its limits of what 1 kHz can hold.
 constexpr double kStiffness = 8000;       // N/m, of each finger
-constexpr double kDamping = 55;           // N s/m
+constexpr double kFingerDamping = 55;           // N s/m
 constexpr double kHomingSpeed = 0.05;     // m/s, of the width
 constexpr double kHomingForce = 20;       // N
 constexpr double kStillVelocity = 0.001;  // m/s of each finger
@@ -97,7 +97,7 @@ std::array<double, 2> Gripper::control(const std::array<double, 2>& finger) {
   reference_ = std::clamp(goal_, reference_ - kDt * speed_, reference_ + kDt * speed_);
   reference_ = std::clamp(reference_, x - reach, x + reach);
   const double force = std::clamp(
-      kStiffness * (reference_ - x) + kDamping * ((reference_ - from) / kDt - v), -force_, force_);
+      kStiffness * (reference_ - x) + kFingerDamping * ((reference_ - from) / kDt - v), -force_, force_);
 
   const double load = force / kMaxForce;
   temperature_ += kDt / kWarmingTime * (kTemperature + kWarming * load * load - temperature_);
@@ -109,7 +109,7 @@ std::array<double, 2> Gripper::control(const std::array<double, 2>& finger) {
                       state_.width <= grasp_.width + grasp_.epsilon_outer;
   // One drive moves both fingers.
   std::array<double, 2> forces;
-  for (int i = 0; i < 2; ++i) forces[i] = force + kStiffness * (x - finger[i]) + kDamping * (v - velocity[i]);
+  for (int i = 0; i < 2; ++i) forces[i] = force + kStiffness * (x - finger[i]) + kFingerDamping * (v - velocity[i]);
   return forces;
 }
 

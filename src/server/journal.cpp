@@ -11,11 +11,11 @@ namespace server {
 namespace {
 
 // Before topic, type and bytes.
-struct Head {
+struct EntryHead {
   std::int64_t time_ns, sent_ns;
   std::uint32_t sequence, topic, type, bytes;  // sizes
 
-  std::size_t size() const { return sizeof(Head) + topic + type + bytes; }
+  std::size_t size() const { return sizeof(EntryHead) + topic + type + bytes; }
 };
 
 }  // namespace
@@ -44,14 +44,14 @@ void Journal::get(std::uint64_t place, void* to, std::size_t size) const {
 
 void Journal::note(std::string_view topic, std::string_view type, std::string_view bytes, std::uint32_t sequence,
                    std::int64_t sent_ns) {
-  const Head head{now_ns(), sent_ns, sequence, static_cast<std::uint32_t>(topic.size()),
+  const EntryHead head{now_ns(), sent_ns, sequence, static_cast<std::uint32_t>(topic.size()),
                   static_cast<std::uint32_t>(type.size()), static_cast<std::uint32_t>(bytes.size())};
   if (head.size() > kBytes) return;
   const std::lock_guard lock(*mutex_);
   const std::uint64_t end = header_->end;
   std::uint64_t begin = header_->begin;
   while (end + head.size() - begin > kBytes) {
-    Head oldest;
+    EntryHead oldest;
     get(begin, &oldest, sizeof oldest);
     begin += oldest.size();
   }
@@ -80,7 +80,7 @@ bool Journal::read(std::uint64_t& place, Entry& entry, std::uint64_t& lost) cons
   }
   const std::uint64_t end = header_->end;
   if (place >= end) return false;
-  Head head;
+  EntryHead head;
   get(place, &head, sizeof head);
   // Overwritten by what its process died of: where another entry would begin is not known.
   if (end - place > kBytes || head.size() > end - place) {

@@ -103,7 +103,7 @@ void try_parts(const std::vector<std::string>& paths) {
     pollfd ready{said[0], POLLIN, 0};
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
     in_time = left.count() > 0 && poll(&ready, 1, static_cast<int>(left.count())) > 0;
-    if (in_time && (size = read(said[0], bytes, sizeof bytes)) > 0) text.append(bytes, size);
+    if (in_time && (size = ::read(said[0], bytes, sizeof bytes)) > 0) text.append(bytes, size);
   }
   if (!in_time) kill(child, SIGKILL);
   close(said[0]);

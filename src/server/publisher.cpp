@@ -22,7 +22,7 @@ namespace proto = frankapy::proto;
 namespace {
 
 constexpr auto kPublishPeriod = std::chrono::microseconds(500);
-constexpr auto kTellPeriod = std::chrono::seconds(1);
+constexpr auto kTellLostEvery = std::chrono::seconds(1);
 constexpr int kSendQueue = 10'000;  // states that a subscriber may be behind: 10 s
 constexpr std::size_t kMostTopics = 128;          // choices of rate and fields, of all subscribers
 constexpr std::size_t kMostOfOne = 16;            // of a connection
@@ -65,7 +65,7 @@ void Publisher::run() {
       if (!topics_.empty()) publish(record);
     }
     const auto now = std::chrono::steady_clock::now();
-    if (const std::uint64_t all = records_.lost(); all != lost && now - told > kTellPeriod) {
+    if (const std::uint64_t all = records_.lost(); all != lost && now - told > kTellLostEvery) {
       spdlog::warn("{} states were not published: this computer is too busy", all - lost);
       lost = all;
       told = now;

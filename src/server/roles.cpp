@@ -10,7 +10,7 @@
 namespace server {
 namespace {
 
-std::string name_of(proto::Role role) {
+std::string role_name(proto::Role role) {
   std::string name = proto::Role_Name(role);
   std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
   return name;
@@ -64,7 +64,7 @@ std::string explain_role(const Keys::Client& client, const std::string& what, pr
   if (client.key.empty()) {
     return fmt::format("{} needs the role {}, which nobody has where a server has no keys: `frankapy keys new` and `frankapy keys "
                        "add NAME --role {}` make them (docs/keys.md)",
-                       what, name_of(role), name_of(role));
+                       what, role_name(role), role_name(role));
   }
   if (client.role == proto::NOBODY) {
     return fmt::format("{} is refused: the key of this connection was removed from the server's. Whoever runs the server makes "
@@ -73,7 +73,7 @@ std::string explain_role(const Keys::Client& client, const std::string& what, pr
   }
   return fmt::format("{} needs the role {}, and the key \"{}\" has {}. Whoever runs the server makes one that has it (`frankapy keys "
                      "add NAME --role {}`)",
-                     what, name_of(role), client.name, name_of(client.role), name_of(role));
+                     what, role_name(role), client.name, role_name(client.role), role_name(role));
 }
 
 void require_role(const Keys::Client& client, const proto::Request& request) {

@@ -27,7 +27,7 @@ constexpr std::size_t kMaxKinds = 64;          // of one topic
 constexpr std::size_t kMaxTopicName = 256;     // bytes
 constexpr std::size_t kMaxKind = 256;          // bytes, of its name
 constexpr int kAtOnce = 256;                    // messages, and then it looks for what has ceased
-constexpr auto kWait = std::chrono::milliseconds(50);
+constexpr auto kPollTime = std::chrono::milliseconds(50);
 constexpr const char* kTermination = "ShouldTerminateSensorMessage";
 constexpr std::int64_t kTellLostPeriod = 1'000'000'000;    // ns
 constexpr std::int64_t kLate = 20'000'000, kStale = 500'000'000;  // ns: Topics.Topic
@@ -131,7 +131,7 @@ void SensorHub::describe(proto::Topics& out) const {
 void SensorHub::run() {
   while (!quit_) {
     zmq::pollitem_t item{socket_.handle(), 0, ZMQ_POLLIN, 0};
-    zmq::poll(&item, 1, kWait);
+    zmq::poll(&item, 1, kPollTime);
     connections_->look();
     look_for_silence();
     zmq::message_t frame;

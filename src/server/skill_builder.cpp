@@ -43,12 +43,10 @@ constexpr double kMissed = 5e-3;         // m, rad
 constexpr double kToolSpeedShare = 0.94;  // the rest is for what the arm does beside its reference
 constexpr double kPoseShare = 0.7;        // of the joints' limits of acceleration and jerk, for a way of poses
 constexpr double kRoomShare = 0.97;       // of the greatest rate that the limiter would let pass
-constexpr double kLeastRate = 0.02;       // at which a path is gone along
+constexpr double kSlowestPath = 0.02;     // at which a path is gone along
 constexpr double kFarStart = 60, kLateStart = 1;  // s
 // Where a limit is the goal: rounding on the way to it is no violation.
 constexpr double kJointTolerance = 1e-6;  // rad
-
-[[noreturn]] void refuse(const std::string& text) { throw Refused(proto::Error::INVALID_ARGUMENT, text); }
 
 std::string name(Channels channels) {
   std::string text = has(channels, Channels::kJoint) ? "joint references" : "Cartesian references";
@@ -435,7 +433,7 @@ double SkillBuilder::rate_with_room(Reference pose, const realtime::JointsOfPose
     return limiter_->has_room();
   };
   if (has_room(1 / kRoomShare)) return 1;
-  double most = 1 / kRoomShare, least = kLeastRate;
+  double most = 1 / kRoomShare, least = kSlowestPath;
   if (!has_room(least)) return 0;
   constexpr int kHalvings = 7;
   for (int n = 0; n < kHalvings; ++n) {

@@ -100,8 +100,6 @@ double distance(const realtime::Wall& wall, const realtime::ArmCapsules& arm, co
   return realtime::nearest(wall.shape, place.a[capsule], place.b[capsule]).distance - arm.all()[capsule].radius;
 }
 
-[[noreturn]] void refuse(const std::string& text) { throw Refused(proto::Error::INVALID_ARGUMENT, text); }
-
 }  // namespace
 
 std::string name_of_link(int link) {

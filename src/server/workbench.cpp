@@ -42,7 +42,7 @@ bool Workbench::add(Job job) {
 
 void Workbench::take_finished() {
   std::uint64_t count;
-  if (read(fd_, &count, sizeof count) < 0) return;  // none
+  if (::read(fd_, &count, sizeof count) < 0) return;  // none
   std::deque<Finished> finished;
   {
     const std::lock_guard lock(mutex_);

@@ -5,6 +5,7 @@
 #include <random>
 
 #include "allocation_counter.hpp"
+#include "dt.hpp"
 #include "models/joint_figures.hpp"
 #include "realtime/bounds.hpp"
 #include "realtime/felt_inertia.hpp"
@@ -17,7 +18,6 @@ namespace {
 using namespace realtime;
 using testing_tools::SimulatedArm;
 
-constexpr double kDt = 0.001;
 const models::Limits& kLimits = models::limits(models::arm("fr3"), 10);
 const Vector7 kHome = Vector7::Map(models::kHome.data());
 

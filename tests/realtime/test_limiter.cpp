@@ -12,6 +12,7 @@
 #include "realtime/model.hpp"
 #include "realtime/pose_joints.hpp"
 #include "realtime/rotation.hpp"
+#include "dt.hpp"
 #include "singular_posture.hpp"
 
 namespace {
@@ -20,8 +21,6 @@ using realtime::Reference;
 using realtime::Channels;
 using realtime::Vector3;
 using realtime::Vector7;
-
-constexpr double kDt = 0.001;
 
 // The robot's judgement: backward differences over 1 ms, with the reference and its derivatives before
 // the first sample known.

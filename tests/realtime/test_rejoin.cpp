@@ -5,6 +5,8 @@
 #include <random>
 #include <string>
 
+#include "dt.hpp"
+
 namespace {
 
 using realtime::Channels;
@@ -12,8 +14,6 @@ using realtime::Reference;
 using realtime::Rejoin;
 using realtime::Vector3;
 using realtime::Vector7;
-
-constexpr double kDt = 0.001;
 
 class Rejoining : public testing::TestWithParam<const char*> {
  protected:

@@ -249,7 +249,9 @@ TEST(ArmCapsules, no_point_of_them_moves_farther_than_it_reaches) {
   Random random;
   for (const double stick : {0., 0.3, 1.}) {
     ArmCapsules arm(models::arm("fr3"), true);
-    if (stick > 0) ASSERT_TRUE(arm.hold(Vector3::Zero(), {0.6 * stick, 0, 0.8 * stick}, 0.02));
+    if (stick > 0) {
+      ASSERT_TRUE(arm.hold(Vector3::Zero(), {0.6 * stick, 0, 0.8 * stick}, 0.02));
+    }
     double farthest = 0;
     for (int n = 0; n < 2000; ++n) {
       Vector7 q;
@@ -329,7 +331,7 @@ TEST(WallGuard, says_of_a_way_what_one_says_that_knows_nothing_yet) {
 // --- motions ----------------------------------------------------------------------------------------------------------------
 
 // The robot's own controller.
-struct Internal : Controller {
+struct InternalImpedance : Controller {
   Channels takes() const noexcept override { return Channels::kJoint | Channels::kPose; }
   robot::Mode mode(Channels) const noexcept override {
     return {fci::ControllerMode::kJointImpedance, fci::MotionGeneratorMode::kJointPosition};
@@ -367,7 +369,7 @@ class Walled : public testing::Test {
     skill->controller = std::move(controller);
     door.next.put(std::move(skill));
   }
-  void go_to(const Vector7& q, double duration, std::unique_ptr<Controller> controller = std::make_unique<Internal>()) {
+  void go_to(const Vector7& q, double duration, std::unique_ptr<Controller> controller = std::make_unique<InternalImpedance>()) {
     give(std::make_unique<MinJerkJoint>(MinJerkJoint::Parameters{q, duration}, robot.limits), std::move(controller));
   }
 
@@ -406,12 +408,12 @@ class Walled : public testing::Test {
   double least = 1e9;
 };
 
-const Vector7 kHome = Vector7::Map(models::kHome.data());
+const Vector7 kStart = Vector7::Map(models::kHome.data());
 
 TEST_F(Walled, a_motion_through_a_thin_wall_ends_before_it) {
   // Half a millimetre, in the way of the hand.
   wall({box({0.4, 0.25, 0.5}, {0.5, 0.00025, 0.5})});
-  Vector7 goal = kHome;
+  Vector7 goal = kStart;
   goal[0] = 1.2;
   for (const double duration : {1.5, 4.}) {
     least = 1e9;
@@ -423,16 +425,16 @@ TEST_F(Walled, a_motion_through_a_thin_wall_ends_before_it) {
     EXPECT_GT(least, 0.0095);
     EXPECT_LT(clearance(), 0.015);
     EXPECT_LT(robot.dq().norm(), 1e-6);
-    go_to(kHome, 2);  // and back
+    go_to(kStart, 2);  // and back
     cycles(3000);
-    EXPECT_LT((robot.q() - kHome).norm(), 1e-3);
+    EXPECT_LT((robot.q() - kStart).norm(), 1e-3);
     EXPECT_EQ(results.back().wall, 0u);
   }
 }
 
 TEST_F(Walled, an_arm_that_dodges_comes_to_rest) {
   wall({box({0.4, 0.25, 0.5}, {0.5, 0.005, 0.5})});
-  Vector7 goal = kHome;
+  Vector7 goal = kStart;
   goal[0] = 0.9;
   for (const double duration : {2., 20.}) {
     go_to(goal, duration);
@@ -441,9 +443,9 @@ TEST_F(Walled, an_arm_that_dodges_comes_to_rest) {
     EXPECT_EQ(results.back().wall, 1u);
     EXPECT_LT(results.back().time, duration + 1.5);
     EXPECT_GT(least, 0.0095);
-    go_to(kHome, 2);
+    go_to(kStart, 2);
     cycles(3000);
-    EXPECT_LT((robot.q() - kHome).norm(), 1e-3);
+    EXPECT_LT((robot.q() - kStart).norm(), 1e-3);
   }
 }
 
@@ -455,7 +457,7 @@ TEST_F(Walled, whatever_is_asked_for_nothing_is_touched) {
   for (int n = 0; n < 40; ++n) {
     Vector7 q;
     for (int i = 0; i < 7; ++i) q[i] = random.in(robot.limits.q_min[i] + 0.1, robot.limits.q_max[i] - 0.1);
-    std::unique_ptr<Controller> controller = std::make_unique<Internal>();
+    std::unique_ptr<Controller> controller = std::make_unique<InternalImpedance>();
     if (n % 2 == 1) {
       controller = std::make_unique<JointImpedance>(JointImpedance::Parameters{Vector7::Constant(300), Vector7::Constant(30)});
     }
@@ -474,7 +476,7 @@ TEST_F(Walled, an_arm_that_is_inside_may_only_go_away) {
   cycles(5);
   const double before = clearance();
   ASSERT_LT(before, 0);
-  Vector7 down = kHome, up = kHome;
+  Vector7 down = kStart, up = kStart;
   down[1] += 0.3;
   up[1] -= 0.3;
   go_to(down, 2);
@@ -487,7 +489,7 @@ TEST_F(Walled, an_arm_that_is_inside_may_only_go_away) {
 }
 
 TEST_F(Walled, walls_come_and_go_while_a_skill_runs) {
-  Vector7 goal = kHome;
+  Vector7 goal = kStart;
   goal[0] = 1;
   go_to(goal, 2);
   cycles(500);
@@ -556,7 +558,9 @@ TEST_P(PushedBack, an_arm_that_a_wall_comes_about_is_not_flung_out) {
     delete guard.change(walls);
     run(1000, 0);
     EXPECT_LT(fastest, 0.15) << depth;
-    if (depth > 0.05) EXPECT_LT(std::abs(out), 0.01) << depth;
+    if (depth > 0.05) {
+      EXPECT_LT(std::abs(out), 0.01) << depth;
+    }
     run(1500, -20);
     EXPECT_GT(out, 0.05) << "it may be led out, " << depth;
   }
@@ -608,7 +612,9 @@ TEST(SelfDistance, contacts_are_those_of_finite_differences) {
   int seen = 0, of_stick = 0;
   for (int n = 0; n < 3000; ++n) {
     ArmCapsules body = bare;
-    if (n % 2 == 1) ASSERT_TRUE(body.hold({0, 0, 0.1}, {0, 0, 0.5}, 0.02));
+    if (n % 2 == 1) {
+      ASSERT_TRUE(body.hold({0, 0, 0.1}, {0, 0, 0.5}, 0.02));
+    }
     Vector7 q;
     for (int i = 0; i < 7; ++i) q[i] = random.in(limits.q_min[i], limits.q_max[i]);
     ArmCapsules::Place place;

@@ -47,7 +47,7 @@ class Program {
     close(out[1]);
     close(err[1]);
     char byte;
-    while (read(out[0], &byte, 1) == 1 && byte != '\n') first_line_ += byte;
+    while (::read(out[0], &byte, 1) == 1 && byte != '\n') first_line_ += byte;
     close(out[0]);
     err_ = err[0];
     fcntl(err_, F_SETPIPE_SZ, 4096);
@@ -56,7 +56,7 @@ class Program {
       pollfd ready{err_, POLLIN, 0};
       while (!paused_) {
         if (poll(&ready, 1, 10) == 0) continue;
-        const ssize_t size = read(err_, bytes, sizeof bytes);
+        const ssize_t size = ::read(err_, bytes, sizeof bytes);
         if (size <= 0) return;
         text_.append(bytes, size);
       }

@@ -9,7 +9,7 @@
 namespace realtime {
 namespace {
 
-constexpr double kNear = 0.1;  // rad
+constexpr double kNearJoints = 0.1;  // rad
 
 }  // namespace
 
@@ -26,10 +26,10 @@ JointSamples::JointSamples(const Samples<7>::Table& q, const models::Limits& lim
     }
   }
   for (int i = 0; i < models::kJoints; ++i) {
-    if (std::abs(q(i, 0) - from[i]) <= kNear) continue;
+    if (std::abs(q(i, 0) - from[i]) <= kNearJoints) continue;
     std::ostringstream text;
     text << "the first sample has joint " << i + 1 << " at " << q(i, 0) << " rad, and the arm has it at " << from[i]
-         << ": move it to the first sample before, within " << kNear << " rad";
+         << ": move it to the first sample before, within " << kNearJoints << " rad";
     throw std::invalid_argument(text.str());
   }
   samples_.visit_rates([&](const Vector7& x, const Vector7& v, const Vector7& a) {

@@ -9,7 +9,7 @@
 namespace realtime {
 namespace {
 
-constexpr double kNear = 0.05;    // m
+constexpr double kNearPose = 0.05;    // m
 constexpr double kAligned = 0.2;  // rad
 
 Samples<7>::Table table(const PoseSamples::Positions& position, const PoseSamples::Quaternions& quaternion) {
@@ -39,11 +39,11 @@ PoseSamples::PoseSamples(const Positions& position, const Quaternions& quaternio
   const CartesianReference first = at(0);
   const double distance = (first.position - from.translation()).norm();
   const double angle = log(first.orientation * Eigen::Quaterniond(from.linear()).conjugate()).norm();
-  if (distance > kNear || angle > kAligned) {
+  if (distance > kNearPose || angle > kAligned) {
     std::ostringstream text;
     text << "the first sample is " << distance << " m and " << angle
          << " rad from where the arm is: move it there before, "
-         << "within " << kNear << " m and " << kAligned << " rad";
+         << "within " << kNearPose << " m and " << kAligned << " rad";
     throw std::invalid_argument(text.str());
   }
   samples_.visit_rates([&](const Vector7&, const Vector7& v, const Vector7& a) {

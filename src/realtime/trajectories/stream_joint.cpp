@@ -11,7 +11,7 @@ namespace realtime {
 namespace {
 
 // Where the joints are in the numbers of each message that it takes.
-const std::vector<std::string> kMessages = {"JointPositionSensorMessage", "JointPositionVelocitySensorMessage", "JointChunk"};
+const std::vector<std::string> kJointMessages = {"JointPositionSensorMessage", "JointPositionVelocitySensorMessage", "JointChunk"};
 constexpr int kJointsAt[] = {2, 3, 0};
 
 std::string check(const models::Limits& limits, const SensorSample& sample) {
@@ -28,7 +28,7 @@ std::string check(const models::Limits& limits, const SensorSample& sample) {
 }  // namespace
 
 StreamJoint::StreamJoint(const Parameters& parameters, const models::Limits& limits)
-    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages,
+    : Stream(std::make_shared<SensorInput>(require_topic(parameters.topic), kJointMessages,
                                            parameters.timeout.value_or(TargetStream<models::kJoints>::kTimeout),
                                            [limits](const SensorSample& sample) { return check(limits, sample); })),
       stream_(std::make_unique<TargetStream<models::kJoints>>(parameters.delay, parameters.timeout, joint_rates(limits, parameters.speed))) {}

@@ -12,8 +12,8 @@ namespace realtime {
 namespace {
 
 // Where position and quaternion are in the numbers of each message that it takes.
-const std::vector<std::string> kMessages = {"PosePositionSensorMessage", "PosePositionVelocitySensorMessage", "PoseChunk"};
-constexpr int kPoseAt[] = {2, 3, 0};
+const std::vector<std::string> kPoseMessages = {"PosePositionSensorMessage", "PosePositionVelocitySensorMessage", "PoseChunk"};
+constexpr int kPoseIn[] = {2, 3, 0};
 
 // Of the rotation vectors of one orientation the one that is nearest to another.
 Vector3 nearest(const Vector3& r, const Vector3& to) {
@@ -28,7 +28,7 @@ Vector3 nearest(const Vector3& r, const Vector3& to) {
 
 StreamPose::StreamPose(const Parameters& parameters, const models::Limits& limits)
     : StreamPose(parameters, limits,
-                 std::make_shared<SensorInput>(require_topic(parameters.topic), kMessages,
+                 std::make_shared<SensorInput>(require_topic(parameters.topic), kPoseMessages,
                                                parameters.timeout.value_or(TargetStream<6>::kTimeout))) {}
 
 StreamPose::StreamPose(const Parameters& parameters, const models::Limits& limits, std::shared_ptr<SensorInput> input)
@@ -49,7 +49,7 @@ void StreamPose::start(const Reference& from) noexcept {
 }
 
 void StreamPose::take(double time, const SensorSample& sample) noexcept {
-  const double* values = sample.values.data() + kPoseAt[sample.message];
+  const double* values = sample.values.data() + kPoseIn[sample.message];
   add(time, sample, Vector3::Map(values), {values[3], values[4], values[5], values[6]});
 }
 
