@@ -17,6 +17,8 @@
 #include "realtime/pose_joints.hpp"
 #include "realtime/rotation.hpp"
 #include "realtime/symmetric_eigen.hpp"
+#include "tests/parts/joints.hpp"
+#include "tests/parts/refusal.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 #include "tests/realtime/simulated_arm.hpp"
 
@@ -39,10 +41,7 @@ using realtime::Vector6;
 using realtime::Vector7;
 using testing_tools::SimulatedArm;
 
-const Vector7 kStiffness = (Vector7() << 600, 600, 600, 600, 250, 150, 50).finished();
-const Vector7 kDamping = (Vector7() << 50, 50, 50, 50, 30, 25, 15).finished();
 // Of the size of real ones; kg m².
-const Vector7 kMotors = Vector7::Map(models::kMotorInertia.data());
 
 CartesianImpedance::Parameters soft() { return {Vector3::Constant(600), Vector3::Constant(50), 1, 10}; }
 CartesianImpedance::Parameters stiff() { return {Vector3::Constant(3000), Vector3::Constant(300), 1, 100}; }
@@ -686,15 +685,6 @@ TEST(InternalImpedance, the_robot_controller_follows_from_stiffness_and_referenc
 }
 
 // --- what is refused -----------------------------------------------------------------------------
-
-std::string refusal(const std::function<void()>& construct) {
-  try {
-    construct();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
-}
 
 TEST(ControllerParameters, each_bad_field_is_refused_by_name) {
   const auto expect = [](const std::string& text, const std::string& part) {

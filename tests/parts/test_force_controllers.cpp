@@ -21,6 +21,8 @@
 #include "realtime/controllers/require_holdable.hpp"
 #include "realtime/felt_inertia.hpp"
 #include "realtime/symmetric_eigen.hpp"
+#include "tests/parts/joints.hpp"
+#include "tests/parts/refusal.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 #include "tests/realtime/simulated_arm.hpp"
 
@@ -29,9 +31,6 @@ namespace {
 using namespace realtime;
 using testing_tools::SimulatedArm;
 
-const Vector7 kMotors = Vector7::Map(models::kMotorInertia.data());
-const Vector7 kStiffness = (Vector7() << 600, 600, 600, 600, 250, 150, 50).finished();
-const Vector7 kDamping = (Vector7() << 50, 50, 50, 50, 30, 25, 15).finished();
 
 Vector6 along(int axis, double size) { return size * Vector6::Unit(axis); }
 
@@ -825,16 +824,6 @@ TEST_P(ForceControllers, start_and_step_allocate_nothing) {
     }
   }
   EXPECT_EQ(allocations.count(), 0);
-}
-
-template <class Construct>
-std::string refusal(Construct construct) {
-  try {
-    construct();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
 }
 
 TEST_P(ForceControllers, bad_fields_are_refused_by_name) {

@@ -20,6 +20,7 @@
 #include "realtime/terminations/wrench_above.hpp"
 #include "realtime/trajectories/min_jerk_joint.hpp"
 #include "realtime/trajectories/min_jerk_pose.hpp"
+#include "tests/parts/refusal.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 #include "tests/realtime/simulated_arm.hpp"
 
@@ -375,15 +376,6 @@ TEST_F(Terminations, composites_ask_all_of_their_parts_every_time) {
   of_joints.push_back(std::make_unique<realtime::Never>());
   const realtime::AllOf never(std::move(of_joints));
   EXPECT_EQ(never.judges(), Channels::kJoint);
-}
-
-std::string refusal(const std::function<void()>& construct) {
-  try {
-    construct();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
 }
 
 TEST_F(Terminations, each_bad_field_is_refused_by_name) {

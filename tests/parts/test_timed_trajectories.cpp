@@ -28,8 +28,10 @@
 #include "realtime/trajectories/time_optimal_pose.hpp"
 #include "realtime/trajectories/timed_joint.hpp"
 #include "realtime/trajectories/timed_pose.hpp"
+#include "tests/parts/joints.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 #include "tests/realtime/at_home.hpp"
+#include "tests/realtime/dt.hpp"
 
 namespace {
 
@@ -41,7 +43,6 @@ using realtime::Vector6;
 using realtime::Vector7;
 using Generator = std::unique_ptr<realtime::TrajectoryGenerator>;
 
-constexpr double kDt = 0.001;
 
 struct Case {
   std::string name;
@@ -49,7 +50,6 @@ struct Case {
   bool smooth = true;  // velocity without steps: the limiter holds nothing back from rest
 };
 
-Vector7 home() { return Vector7::Map(models::kHome.data()); }
 double uniform(std::mt19937& random, double low, double high) {
   return std::uniform_real_distribution<>(low, high)(random);
 }

@@ -14,8 +14,10 @@
 #include "realtime/trajectories/min_jerk_pose.hpp"
 #include "realtime/trajectories/relative_min_jerk_joint.hpp"
 #include "realtime/trajectories/relative_min_jerk_pose.hpp"
+#include "tests/parts/refusal.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 #include "tests/realtime/at_home.hpp"
+#include "tests/realtime/dt.hpp"
 
 namespace {
 
@@ -29,7 +31,6 @@ using realtime::Vector3;
 using realtime::Vector6;
 using realtime::Vector7;
 
-constexpr double kDt = 0.001;
 
 class Trajectories : public testing::TestWithParam<const char*> {
  protected:
@@ -358,14 +359,6 @@ TEST_P(Trajectories, relative_poses_go_from_the_reference_at_the_start_in_either
   EXPECT_TRUE(in_O.goal().cartesian.orientation.toRotationMatrix().isApprox(goal.linear(), 1e-12));
 }
 
-std::string refusal(const std::function<void()>& construct) {
-  try {
-    construct();
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "accepted";
-}
 bool says(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
 TEST_P(Trajectories, each_bad_field_is_refused_by_name_value_and_bound) {

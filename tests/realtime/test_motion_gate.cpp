@@ -276,8 +276,12 @@ TEST_P(FoldedArm, comes_out_of_a_pocket_of_itself) {
       model.update(reference.joint.q, reference.joint.dq);
       gate.observe(reference, Vector7::Zero(), nullptr);
       gate.follow(wanted, reference);
-      if (cycle == kIn - 1) ASSERT_LT(q, 1);
-      if (!out && cycle == kIn + kRested) EXPECT_LT(reference.joint.dq.norm(), 1e-3) << "rattles";
+      if (cycle == kIn - 1) {
+        ASSERT_LT(q, 1);
+      }
+      if (!out && cycle == kIn + kRested) {
+        EXPECT_LT(reference.joint.dq.norm(), 1e-3) << "rattles";
+      }
     }
     EXPECT_NEAR(q, kFrom, 1e-6) << "called back " << moment << " cycles later";
   }

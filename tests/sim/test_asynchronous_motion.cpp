@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "sim/robot/dt.hpp"
 #include "tests/sim/robot_rig.hpp"
 
 namespace sim {
@@ -11,7 +12,6 @@ using fci::Error;
 using fci::RobotMode;
 using fci::Status;
 
-constexpr double kDt = 0.001;  // s
 constexpr fci::Vector7 kVelocities = {0.655, 0.655, 0.655, 0.655, 1.315, 1.315, 1.315};
 // As libfranka has it: without a target.
 constexpr fci::RobotCommand kFinish = {.motion_generation_finished = true};

@@ -6,6 +6,7 @@
 
 #include "models/arm.hpp"
 #include "raw_client.hpp"
+#include "sim/robot/dt.hpp"
 #include "thresholds.hpp"
 
 namespace {
@@ -17,7 +18,7 @@ using fci::RobotMode;
 using fci::Status;
 using Mode = fci::MotionGeneratorMode;
 
-constexpr double kDt = 0.001;  // s
+using sim::kDt;
 constexpr double kOver = 1.03, kUnder = 0.97;
 constexpr int kSettle = 5;  // cycles before a profile begins: the start is known in float32
 

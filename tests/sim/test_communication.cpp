@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "raw_client.hpp"
+#include "sim/robot/dt.hpp"
 
 namespace {
 
@@ -13,7 +14,7 @@ using fci::RobotMode;
 using fci::Status;
 using Mode = fci::MotionGeneratorMode;
 
-constexpr double kDt = 0.001;  // s
+using sim::kDt;
 constexpr fci::Move kTorque = {.controller_mode = ControllerMode::kExternal, .motion_generator_mode = Mode::kNone};
 
 struct Communication : testing::Test {

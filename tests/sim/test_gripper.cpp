@@ -9,19 +9,18 @@ namespace {
 
 using namespace testing_tools;
 namespace gripper = fci::gripper;
-using gripper::Status;
 
 TEST(Gripper, FindsItsWidthAndMovesToOthers) {
   DrivenArm arm;
   RawGripper hand(arm);
-  ASSERT_EQ(hand.connect_status, Status::kSuccess);
+  ASSERT_EQ(hand.connect_status, gripper::Status::kSuccess);
   EXPECT_EQ(hand.newest().max_width, 0);
-  EXPECT_EQ(hand.ask(gripper::Homing{}), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Homing{}), gripper::Status::kSuccess);
   EXPECT_NEAR(hand.fresh().max_width, 0.08, 0.001);
-  EXPECT_EQ(hand.ask(gripper::Move{.width = 0.03, .speed = 0.1}), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Move{.width = 0.03, .speed = 0.1}), gripper::Status::kSuccess);
   EXPECT_NEAR(hand.fresh().width, 0.03, 0.001);
   EXPECT_FALSE(hand.state.is_grasped);
-  EXPECT_EQ(hand.ask(gripper::Grasp{0.03, 0.005, 0.005, 0.1, 20}), Status::kUnsuccessful);  // air
+  EXPECT_EQ(hand.ask(gripper::Grasp{0.03, 0.005, 0.005, 0.1, 20}), gripper::Status::kUnsuccessful);  // air
 }
 
 TEST(Gripper, RefusesWhatItCannotDo) {
@@ -29,26 +28,26 @@ TEST(Gripper, RefusesWhatItCannotDo) {
   RawGripper hand(arm);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   for (const gripper::Move& move : {gripper::Move{-0.01, 0.1}, {0.09, 0.1}, {nan, 0.1}, {0.04, 0}, {0.04, nan}}) {
-    EXPECT_EQ(hand.ask(move), Status::kFail);
+    EXPECT_EQ(hand.ask(move), gripper::Status::kFail);
   }
   for (const gripper::Grasp& grasp :
        {gripper::Grasp{0.02, 0.01, 0.01, 0.1, 0}, {0.02, 0.01, 0.01, 0.1, nan}, {0.02, -1, 0.01, 0.1, 10}, {0.2, 0, 0, 0.1, 10},
         {0.02, 0.01, 0.01, 0.1, 140.1}, {0.02, 0.01, 0.01, 0.1, HUGE_VAL}}) {
-    EXPECT_EQ(hand.ask(grasp), Status::kFail);
+    EXPECT_EQ(hand.ask(grasp), gripper::Status::kFail);
   }
-  EXPECT_EQ(hand.ask(gripper::Move{0.04, 0.1}), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Move{0.04, 0.1}), gripper::Status::kSuccess);
 }
 
 TEST(Gripper, StopAbortsWhatIsUnderWay) {
   DrivenArm arm;
   RawGripper hand(arm);
-  EXPECT_EQ(hand.ask(gripper::Move{0, 0.1}), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Move{0, 0.1}), gripper::Status::kSuccess);
   const auto move = hand.post(gripper::Move{0.08, 0.01});
   while (hand.newest().width < 0.005) {
   }
   const auto stop = hand.post(gripper::Stop{});
-  EXPECT_EQ(hand.answer(move), Status::kAborted);
-  EXPECT_EQ(hand.answer(stop), Status::kSuccess);
+  EXPECT_EQ(hand.answer(move), gripper::Status::kAborted);
+  EXPECT_EQ(hand.answer(stop), gripper::Status::kSuccess);
   for (int i = 0; i < 10; ++i) hand.newest();
   const double width = hand.state.width;
   EXPECT_LT(width, 0.06);
@@ -59,14 +58,14 @@ TEST(Gripper, StopAbortsWhatIsUnderWay) {
 TEST(Gripper, ARefusedCommandStopsTheOneUnderWay) {
   DrivenArm arm;
   RawGripper hand(arm);
-  EXPECT_EQ(hand.ask(gripper::Move{0, 0.1}), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Move{0, 0.1}), gripper::Status::kSuccess);
   const auto expect_rest = [&](auto refused) {
     const auto move = hand.post(gripper::Move{0.08, 0.01});
     for (const double from = hand.newest().width; hand.newest().width < from + 0.005;) {
     }
     const auto id = hand.post(refused);
-    EXPECT_EQ(hand.answer(move), Status::kAborted);
-    EXPECT_EQ(hand.answer(id), Status::kFail);
+    EXPECT_EQ(hand.answer(move), gripper::Status::kAborted);
+    EXPECT_EQ(hand.answer(id), gripper::Status::kFail);
     for (int i = 0; i < 10; ++i) hand.newest();
     const double width = hand.state.width;
     for (int i = 0; i < 10; ++i) hand.newest();
@@ -81,19 +80,19 @@ TEST(Gripper, ANewCommandAbortsTheOneUnderWay) {
   RawGripper hand(arm);
   const auto homing = hand.post(gripper::Homing{});
   const auto move = hand.post(gripper::Move{0.05, 0.1});
-  EXPECT_EQ(hand.answer(homing), Status::kAborted);
+  EXPECT_EQ(hand.answer(homing), gripper::Status::kAborted);
   const auto grasp = hand.post(gripper::Grasp{0.02, 0.005, 0.005, 0.05, 20});
-  EXPECT_EQ(hand.answer(move), Status::kAborted);
+  EXPECT_EQ(hand.answer(move), gripper::Status::kAborted);
   const auto stop = hand.post(gripper::Stop{});
-  EXPECT_EQ(hand.answer(grasp), Status::kAborted);
-  EXPECT_EQ(hand.answer(stop), Status::kSuccess);
+  EXPECT_EQ(hand.answer(grasp), gripper::Status::kAborted);
+  EXPECT_EQ(hand.answer(stop), gripper::Status::kSuccess);
   EXPECT_FALSE(hand.fresh().is_grasped);
 }
 
 TEST(Gripper, OtherVersionsAreRefused) {
   DrivenArm arm;
-  EXPECT_NE(RawGripper(arm, 2).connect_status, Status::kSuccess);
-  EXPECT_EQ(RawGripper(arm, 3).connect_status, Status::kSuccess);
+  EXPECT_NE(RawGripper(arm, 2).connect_status, gripper::Status::kSuccess);
+  EXPECT_EQ(RawGripper(arm, 3).connect_status, gripper::Status::kSuccess);
 }
 
 // The tool to (x, y, z) with minimum jerk; in lockstep the arm waits for each command, so it takes as long as it takes.
@@ -120,24 +119,24 @@ TEST(Gripper, TakesABlockFromTheTableAndLiftsIt) {
   DrivenArm arm("fr3", options);
   RawClient robot(arm, 10);
   RawGripper hand(arm);
-  ASSERT_EQ(hand.ask(gripper::Move{.width = 0.08, .speed = 0.1}), Status::kSuccess);
+  ASSERT_EQ(hand.ask(gripper::Move{.width = 0.08, .speed = 0.1}), gripper::Status::kSuccess);
   go(robot, 0.5, -0.15, 0.15, 2000);
   go(robot, 0.5, -0.15, 0.02, 1500);
   // It is 4 cm wide: within width - inner and width + outer, or not.
   const auto grasp = [&](double width, double inner, double outer) {
     return hand.ask(gripper::Grasp{width, inner, outer, 0.1, 30});
   };
-  EXPECT_EQ(grasp(0.03, 0.005, 0.005), Status::kUnsuccessful);
+  EXPECT_EQ(grasp(0.03, 0.005, 0.005), gripper::Status::kUnsuccessful);
   EXPECT_FALSE(hand.fresh().is_grasped);
-  EXPECT_EQ(grasp(0.03, 0.005, 0.015), Status::kSuccess);
-  EXPECT_EQ(grasp(0.05, 0.005, 0.02), Status::kUnsuccessful);
-  EXPECT_EQ(grasp(0.05, 0.015, 0), Status::kSuccess);
-  EXPECT_EQ(grasp(0.04, 0.005, 0.005), Status::kSuccess);
+  EXPECT_EQ(grasp(0.03, 0.005, 0.015), gripper::Status::kSuccess);
+  EXPECT_EQ(grasp(0.05, 0.005, 0.02), gripper::Status::kUnsuccessful);
+  EXPECT_EQ(grasp(0.05, 0.015, 0), gripper::Status::kSuccess);
+  EXPECT_EQ(grasp(0.04, 0.005, 0.005), gripper::Status::kSuccess);
   hand.fresh();
   EXPECT_TRUE(hand.state.is_grasped);
   EXPECT_NEAR(hand.state.width, 0.04, 0.002);
-  EXPECT_EQ(hand.ask(gripper::Move{.width = 0.02, .speed = 0.1}), Status::kUnsuccessful);  // the block is in the way
-  EXPECT_EQ(grasp(0.04, 0.005, 0.005), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Move{.width = 0.02, .speed = 0.1}), gripper::Status::kUnsuccessful);  // the block is in the way
+  EXPECT_EQ(grasp(0.04, 0.005, 0.005), gripper::Status::kSuccess);
   go(robot, 0.5, -0.15, 0.2, 1500);
   for (int i = 0; i < 5; ++i) hand.newest();
   EXPECT_TRUE(hand.state.is_grasped);
@@ -146,7 +145,7 @@ TEST(Gripper, TakesABlockFromTheTableAndLiftsIt) {
   // It has the block's weight: 0.1 kg.
   for (int i = 0; i < 300; ++i) robot.receive();
   EXPECT_NEAR(robot.newest().O_F_ext_hat_K[2], 0.1 * 9.81, 0.3);
-  EXPECT_EQ(hand.ask(gripper::Move{0.08, 0.1}), Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Move{0.08, 0.1}), gripper::Status::kSuccess);
   hand.fresh();
   EXPECT_FALSE(hand.state.is_grasped);
 }
@@ -164,13 +163,13 @@ TEST(Gripper, PressesWithTheForceThatIsAskedForUpToAllThatItHas) {
   RawGripper hand(arm);
   sim::World& world = with_post(arm);
   for (const double force : {10., 70., 100., 140.}) {
-    ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, force}), Status::kSuccess) << force;
+    ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, force}), gripper::Status::kSuccess) << force;
     for (int i = 0; i < 10; ++i) hand.newest();
     EXPECT_TRUE(hand.state.is_grasped);
     for (const double felt : world.truth().finger_force) EXPECT_NEAR(felt, force, 0.02 * force);
-    EXPECT_EQ(hand.ask(gripper::Move{0.09, 0.1}), Status::kFail);
+    EXPECT_EQ(hand.ask(gripper::Move{0.09, 0.1}), gripper::Status::kFail);
     EXPECT_TRUE(hand.fresh().is_grasped);  // what is held stays held
-    EXPECT_EQ(hand.ask(gripper::Stop{}), Status::kSuccess);
+    EXPECT_EQ(hand.ask(gripper::Stop{}), gripper::Status::kSuccess);
     for (int i = 0; i < 10; ++i) hand.newest();
     EXPECT_FALSE(hand.state.is_grasped);
     for (const double felt : world.truth().finger_force) EXPECT_LT(felt, 1);
@@ -181,8 +180,8 @@ TEST(Gripper, OpensSlowlyWhatItHasHeldStrongly) {
   DrivenArm arm("fr3", lockstep(true));
   RawGripper hand(arm);
   with_post(arm);
-  ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 70}), Status::kSuccess);
-  EXPECT_EQ(hand.ask(gripper::Move{0.06, 0.005}), Status::kSuccess);
+  ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 70}), gripper::Status::kSuccess);
+  EXPECT_EQ(hand.ask(gripper::Move{0.06, 0.005}), gripper::Status::kSuccess);
   EXPECT_NEAR(hand.fresh().width, 0.06, 1e-3);
 }
 
@@ -220,10 +219,10 @@ TEST(Gripper, LosesWhatIsPulledOutOfIt) {
   RawClient robot(arm, 10);
   ASSERT_EQ(robot.ask(thresholds(100, 100)), fci::Status::kSuccess);
   RawGripper hand(arm);
-  ASSERT_EQ(hand.ask(gripper::Move{0.08, 0.1}), Status::kSuccess);
+  ASSERT_EQ(hand.ask(gripper::Move{0.08, 0.1}), gripper::Status::kSuccess);
   go(robot, 0.5, -0.15, 0.15, 2000);
   go(robot, 0.5, -0.15, 0.035, 1500);
-  ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 10}), Status::kSuccess);
+  ASSERT_EQ(hand.ask(gripper::Grasp{0.04, 0.005, 0.005, 0.1, 10}), gripper::Status::kSuccess);
   EXPECT_TRUE(hand.fresh().is_grasped);
   go(robot, 0.5, -0.15, 0.2, 1500);
   for (int i = 0; i < 10; ++i) hand.newest();

@@ -4,13 +4,13 @@
 
 #include <random>
 
+#include "sim/robot/dt.hpp"
 #include "tests/sim/arm_rig.hpp"
 
 namespace sim {
 namespace {
 
 using Mode = fci::MotionGeneratorMode;
-constexpr double kDt = 1e-3;
 
 class MotionGeneratorTest : public testing::Test {
  protected:
