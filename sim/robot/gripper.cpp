@@ -18,7 +18,7 @@ constexpr double kPeakForce = 140;  // N
 
 // What Franka does not publish: a drive as stiff as a screw or rack is, at its limits of what 1 kHz can hold.
 constexpr double kStiffness = 8000;       // N/m, of each finger
-constexpr double kFingerDamping = 55;           // N s/m
+constexpr double kFingerDamping = 55;     // N s/m
 constexpr double kHomingSpeed = 0.05;     // m/s, of the width
 constexpr double kHomingForce = 20;       // N
 constexpr double kStillVelocity = 0.001;  // m/s of each finger

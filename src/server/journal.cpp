@@ -45,7 +45,7 @@ void Journal::get(std::uint64_t place, void* to, std::size_t size) const {
 void Journal::note(std::string_view topic, std::string_view type, std::string_view bytes, std::uint32_t sequence,
                    std::int64_t sent_ns) {
   const EntryHead head{now_ns(), sent_ns, sequence, static_cast<std::uint32_t>(topic.size()),
-                  static_cast<std::uint32_t>(type.size()), static_cast<std::uint32_t>(bytes.size())};
+                       static_cast<std::uint32_t>(type.size()), static_cast<std::uint32_t>(bytes.size())};
   if (head.size() > kBytes) return;
   const std::lock_guard lock(*mutex_);
   const std::uint64_t end = header_->end;

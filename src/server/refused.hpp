@@ -18,7 +18,7 @@ class Refused : public std::runtime_error {
   proto::Error::Code code;
 };
 
-/// Throw it, of what somebody sent that is not so.
+// What somebody sent is not what was expected.
 [[noreturn]] inline void refuse(const std::string& text) { throw Refused(proto::Error::INVALID_ARGUMENT, text); }
 
 }  // namespace server

@@ -13,9 +13,9 @@
 #include "realtime/trajectories/joint_dmp.hpp"
 #include "realtime/trajectories/pose_dmp.hpp"
 #include "realtime/trajectories/quaternion_pose_dmp.hpp"
-#include "tests/parts/joints.hpp"
 #include "tests/parts/refusal.hpp"
 #include "tests/realtime/at_home.hpp"
+#include "tests/realtime/home.hpp"
 
 namespace {
 

@@ -16,9 +16,9 @@
 #include "realtime/trajectories/pose_samples.hpp"
 #include "realtime/trajectories/pose_waypoints.hpp"
 #include "realtime/trajectories/time_optimal_joint.hpp"
-#include "tests/parts/joints.hpp"
 #include "tests/parts/refusal.hpp"
 #include "tests/realtime/at_home.hpp"
+#include "tests/realtime/home.hpp"
 
 namespace {
 

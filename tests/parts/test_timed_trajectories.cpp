@@ -28,10 +28,10 @@
 #include "realtime/trajectories/time_optimal_pose.hpp"
 #include "realtime/trajectories/timed_joint.hpp"
 #include "realtime/trajectories/timed_pose.hpp"
-#include "tests/parts/joints.hpp"
 #include "tests/realtime/allocation_counter.hpp"
 #include "tests/realtime/at_home.hpp"
 #include "tests/realtime/dt.hpp"
+#include "tests/realtime/home.hpp"
 
 namespace {
 

@@ -6,6 +6,7 @@
 
 #include "allocation_counter.hpp"
 #include "dt.hpp"
+#include "home.hpp"
 #include "models/joint_figures.hpp"
 #include "realtime/bounds.hpp"
 #include "realtime/felt_inertia.hpp"
@@ -19,7 +20,6 @@ using namespace realtime;
 using testing_tools::SimulatedArm;
 
 const models::Limits& kLimits = models::limits(models::arm("fr3"), 10);
-const Vector7 kHome = Vector7::Map(models::kHome.data());
 
 models::Limits scaled(double velocity, double acceleration, double jerk) {
   models::Limits limits = kLimits;
@@ -66,14 +66,14 @@ Reference joints(const Vector7& q) {
 // Targets that jump, and ways between them that are too fast: what scripts and streams ask for.
 struct Targets {
   std::mt19937 engine;
-  Vector7 from = kHome, to = kHome;
+  Vector7 from = home(), to = home();
   double time = 0, duration = 0;
 
   Reference next() {
     if (time >= duration) {
       from = to;
       std::uniform_real_distribution<> way(-0.5, 0.5), seconds(0.2, 1.2);
-      for (int i = 0; i < 7; ++i) to[i] = kHome[i] + way(engine);
+      for (int i = 0; i < 7; ++i) to[i] = home()[i] + way(engine);
       duration = seconds(engine);
       time = 0;
     }
@@ -91,9 +91,9 @@ TEST(Bounds, whatever_is_asked_for_stays_below_reduced_limits) {
     for (const bool reduced : {true, false}) {
       Limiter limiter(kLimits);
       if (reduced) limiter.reduce(scaled(0.3, 0.4, 0.5));
-      limiter.reset(joints(kHome));
+      limiter.reset(joints(home()));
       Targets targets{std::mt19937(seed)};
-      Judge judge(kHome);
+      Judge judge(home());
       Reference out;
       for (int cycle = 0; cycle < 10000; ++cycle) {
         limiter.follow(targets.next(), kDt, out);
@@ -115,9 +115,9 @@ TEST(Bounds, whatever_is_asked_for_stays_below_reduced_limits) {
 TEST(Bounds, a_motion_that_runs_is_slowed_inside_the_limits_of_the_arm) {
   for (const unsigned seed : {1u, 2u, 3u}) {
     Limiter limiter(kLimits);
-    limiter.reset(joints(kHome));
+    limiter.reset(joints(home()));
     Targets targets{std::mt19937(seed)};
-    Judge judge(kHome);
+    Judge judge(home());
     Reference out;
     int slowed = 0;
     for (int cycle = 0; cycle < 20000; ++cycle) {
@@ -158,7 +158,7 @@ class GateTest : public testing::Test {
 
   SimulatedArm arm{"fr3"};
   MotionGate gate{kLimits, arm.model};
-  Reference reference = joints(kHome);
+  Reference reference = joints(home());
 };
 
 TEST_F(GateTest, joints_do_not_move_the_tool_faster_than_may_be) {
@@ -167,11 +167,11 @@ TEST_F(GateTest, joints_do_not_move_the_tool_faster_than_may_be) {
       Bounds bounds(kLimits);
       bounds.limits.translation.velocity = std::min(bounds.limits.translation.velocity, most);
       if (most < 1) bounds.tool_speed = most;
-      reference = joints(kHome);
+      reference = joints(home());
       gate.keep_to(bounds);
       gate.reset(reference);
       Targets targets{std::mt19937(seed)};
-      Judge judge(kHome);
+      Judge judge(home());
       double fastest = 0;
       HeldBy held = HeldBy::kNothing;
       for (int cycle = 0; cycle < 10000; ++cycle) {
@@ -220,7 +220,7 @@ TEST_F(GateTest, a_goal_is_reached_at_the_speed_that_the_tool_may_have) {
   bounds.tool_speed = bounds.limits.translation.velocity = 0.2;
   gate.keep_to(bounds);
   gate.reset(reference);
-  Vector7 goal = kHome;
+  Vector7 goal = home();
   goal += (Vector7() << 0.8, 0.3, -0.2, 0.3, 0.4, -0.3, 0.5).finished();
   double length = 0;
   int cycles = 0, cruising = 0;
@@ -240,7 +240,7 @@ TEST_F(GateTest, joints_do_no_more_work_than_may_be) {
   for (const double most : {10., 1e9}) {
     Bounds bounds(kLimits);
     if (most < 1e3) bounds.power = most;
-    reference = joints(kHome);
+    reference = joints(home());
     gate.keep_to(bounds);
     gate.reset(reference);
     Targets targets{std::mt19937(4)};

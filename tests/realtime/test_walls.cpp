@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "allocation_counter.hpp"
+#include "home.hpp"
 #include "mock_driver.hpp"
 #include "realtime/controllers/joint_impedance.hpp"
 #include "realtime/felt_inertia.hpp"
@@ -301,7 +302,7 @@ TEST(WallGuard, says_of_a_way_what_one_says_that_knows_nothing_yet) {
   WallGuard guard;
   guard.change(make());
   int clear = 0, in_the_way = 0;
-  Vector7 q = Vector7::Map(models::kHome.data());
+  Vector7 q = home();
   for (int n = 0; n < 3000; ++n) {
     const Vector7 step = Vector7::NullaryExpr([&] { return random.in(-1, 1); });
     q += (n % 100 == 0 ? 1 : 0.01) * step;
@@ -408,12 +409,10 @@ class Walled : public testing::Test {
   double least = 1e9;
 };
 
-const Vector7 kStart = Vector7::Map(models::kHome.data());
-
 TEST_F(Walled, a_motion_through_a_thin_wall_ends_before_it) {
   // Half a millimetre, in the way of the hand.
   wall({box({0.4, 0.25, 0.5}, {0.5, 0.00025, 0.5})});
-  Vector7 goal = kStart;
+  Vector7 goal = home();
   goal[0] = 1.2;
   for (const double duration : {1.5, 4.}) {
     least = 1e9;
@@ -425,16 +424,16 @@ TEST_F(Walled, a_motion_through_a_thin_wall_ends_before_it) {
     EXPECT_GT(least, 0.0095);
     EXPECT_LT(clearance(), 0.015);
     EXPECT_LT(robot.dq().norm(), 1e-6);
-    go_to(kStart, 2);  // and back
+    go_to(home(), 2);  // and back
     cycles(3000);
-    EXPECT_LT((robot.q() - kStart).norm(), 1e-3);
+    EXPECT_LT((robot.q() - home()).norm(), 1e-3);
     EXPECT_EQ(results.back().wall, 0u);
   }
 }
 
 TEST_F(Walled, an_arm_that_dodges_comes_to_rest) {
   wall({box({0.4, 0.25, 0.5}, {0.5, 0.005, 0.5})});
-  Vector7 goal = kStart;
+  Vector7 goal = home();
   goal[0] = 0.9;
   for (const double duration : {2., 20.}) {
     go_to(goal, duration);
@@ -443,9 +442,9 @@ TEST_F(Walled, an_arm_that_dodges_comes_to_rest) {
     EXPECT_EQ(results.back().wall, 1u);
     EXPECT_LT(results.back().time, duration + 1.5);
     EXPECT_GT(least, 0.0095);
-    go_to(kStart, 2);
+    go_to(home(), 2);
     cycles(3000);
-    EXPECT_LT((robot.q() - kStart).norm(), 1e-3);
+    EXPECT_LT((robot.q() - home()).norm(), 1e-3);
   }
 }
 
@@ -476,7 +475,7 @@ TEST_F(Walled, an_arm_that_is_inside_may_only_go_away) {
   cycles(5);
   const double before = clearance();
   ASSERT_LT(before, 0);
-  Vector7 down = kStart, up = kStart;
+  Vector7 down = home(), up = home();
   down[1] += 0.3;
   up[1] -= 0.3;
   go_to(down, 2);
@@ -489,7 +488,7 @@ TEST_F(Walled, an_arm_that_is_inside_may_only_go_away) {
 }
 
 TEST_F(Walled, walls_come_and_go_while_a_skill_runs) {
-  Vector7 goal = kStart;
+  Vector7 goal = home();
   goal[0] = 1;
   go_to(goal, 2);
   cycles(500);

@@ -22,6 +22,9 @@
 
 namespace testing_tools {
 
+// Of torques alone.
+constexpr fci::Move kTorque{.controller_mode = fci::ControllerMode::kExternal, .motion_generator_mode = fci::MotionGeneratorMode::kNone};
+
 using Bytes = std::vector<std::byte>;
 
 // Sockets to one port of an arm, and bytes. Who waits for an arm that is driven runs its cycles meanwhile. A call that

@@ -8,14 +8,12 @@
 namespace {
 
 using namespace testing_tools;
-using fci::ControllerMode;
 using fci::Error;
 using fci::RobotMode;
 using fci::Status;
 using Mode = fci::MotionGeneratorMode;
 
 using sim::kDt;
-constexpr fci::Move kTorque = {.controller_mode = ControllerMode::kExternal, .motion_generator_mode = Mode::kNone};
 
 struct Communication : testing::Test {
   DrivenArm arm{"fr3", lockstep(true)};

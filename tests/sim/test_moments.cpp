@@ -10,14 +10,11 @@
 namespace {
 
 using namespace testing_tools;
-using fci::ControllerMode;
 using fci::RobotMode;
 using fci::Status;
-using Mode = fci::MotionGeneratorMode;
 namespace gripper = fci::gripper;
 
-constexpr fci::Move kTorques = {.controller_mode = ControllerMode::kExternal, .motion_generator_mode = Mode::kNone};
-constexpr int kLength = 300;
+constexpr int kSwayCycles = 300;
 
 std::string refusal(const std::function<void()>& call) {
   try {
@@ -114,7 +111,7 @@ struct Moments : testing::Test {
 };
 
 TEST_F(Moments, WithinAMotionTheSameCommandsGiveTheSameTruthWithTheSameLosses) {
-  client->start(kTorques);
+  client->start(kTorque);
   start = client->state;
   cell().network(0).set({.loss = 0.1, .delayed = 0.1, .delay = 2'000'000}, {.loss = 0.1, .delayed = 0.05, .delay = 3'000'000}, 7);
   cell().world().move_object("block", {0.5, -0.3, 0.1, 1, 0, 0, 0});  // falls meanwhile
@@ -125,7 +122,7 @@ TEST_F(Moments, WithinAMotionTheSameCommandsGiveTheSameTruthWithTheSameLosses) {
   const std::size_t begin = rows();
   const fci::RobotState saved = client->state;
 
-  sway(start, kLength);
+  sway(start, kSwayCycles);
   EXPECT_LT(client->state.control_command_success_rate, 0.95);
   const std::uint64_t last = newest();
 
@@ -137,28 +134,28 @@ TEST_F(Moments, WithinAMotionTheSameCommandsGiveTheSameTruthWithTheSameLosses) {
   EXPECT_EQ(client->state.robot_mode, RobotMode::kMove);
   EXPECT_EQ(client->state.control_command_success_rate, saved.control_command_success_rate);
   const std::size_t again = rows();
-  sway(start, kLength);
+  sway(start, kSwayCycles);
   EXPECT_EQ(client->state.robot_mode, RobotMode::kMove);
-  expect_the_same(begin, again, kLength);
+  expect_the_same(begin, again, kSwayCycles);
 }
 
 TEST_F(Moments, TimeThatIsSpentInAPauseCostsTheNetworkNoDraw) {
-  client->start(kTorques);
+  client->start(kTorque);
   start = client->state;
   cell().network(0).set({.loss = 0.1}, {.loss = 0.1}, 3);
   sway(start, 3);
   while (client->state.message_id != newest()) sway(start, 1);
   const std::uint64_t moment = cell().save();
   const std::size_t begin = rows();
-  sway(start, kLength);
+  sway(start, kSwayCycles);
   cell().restore(moment);
   catch_up();
   cell().set_time(sim::Cell::Time::kPaused);
   for (int i = 0; i < 37; ++i) arm->cycle();
   cell().set_time(sim::Cell::Time::kRuns);
   const std::size_t again = rows();
-  sway(start, kLength);
-  expect_the_same(begin, again, kLength);
+  sway(start, kSwayCycles);
+  expect_the_same(begin, again, kSwayCycles);
 }
 
 TEST_F(Moments, AReferenceGoesOnFromTheMomentOrIsADiscontinuity) {
@@ -167,19 +164,19 @@ TEST_F(Moments, AReferenceGoesOnFromTheMomentOrIsADiscontinuity) {
   go(0, 100);
   const std::uint64_t moment = cell().save();
   const std::size_t begin = rows();
-  go(100, 100 + kLength);
+  go(100, 100 + kSwayCycles);
   cell().restore(moment);
   catch_up();
   const std::size_t again = rows();
-  go(100, 100 + kLength);
+  go(100, 100 + kSwayCycles);
   EXPECT_EQ(client->state.robot_mode, RobotMode::kMove);
   // One that has not heard of it.
   cell().restore(moment);
   catch_up();
-  go(100 + kLength, 102 + kLength);
+  go(100 + kSwayCycles, 102 + kSwayCycles);
   EXPECT_EQ(client->state.robot_mode, RobotMode::kReflex);
   EXPECT_EQ(client->answer(client->move_id), Status::kReflexAborted);
-  expect_the_same(begin, again, kLength);
+  expect_the_same(begin, again, kSwayCycles);
 }
 
 TEST_F(Moments, AreRefusedWhereTheClientCouldNotGoOn) {
@@ -199,12 +196,12 @@ TEST_F(Moments, AreRefusedWhereTheClientCouldNotGoOn) {
   EXPECT_NE(refusal([&] { cell().restore(moving); }).find("no longer runs"), std::string::npos);
   cell().restore(resting);
   // Nor has the next motion anything to do with it.
-  client->start(kTorques);
+  client->start(kTorque);
   EXPECT_NE(refusal([&] { cell().restore(moving); }).find("no longer runs"), std::string::npos);
 }
 
 TEST_F(Moments, AnArmWhoseClientHasGoneIsOneWithoutAMotion) {
-  client->start(kTorques);
+  client->start(kTorque);
   const std::uint64_t moving = cell().save();
   client.reset();
   for (int i = 0; i < 100 && cell().robot(0).moving(); ++i) arm->cycle();
@@ -257,8 +254,8 @@ struct MomentsBetweenMotions : Moments {
   MomentsBetweenMotions() : Moments(sim::Cell::Time::kBetweenMotionsPaused) {}
 
   void make_motion() {
-    client->start(kTorques);
-    sway(home, kLength);
+    client->start(kTorque);
+    sway(home, kSwayCycles);
     // A finish flag may be lost as well.
     while (client->state.robot_mode == RobotMode::kMove) {
       cycle([] {

@@ -114,17 +114,16 @@ TEST_P(EveryControl, MovesTheArmAsCommanded) {
 TEST(Motion, ModesChangeTogetherAndAnswersFollowTheStatesThatShowThem) {
   DrivenArm arm("fr3", lockstep());
   RawClient client(arm, 10);
-  const fci::Move move{.controller_mode = ControllerMode::kExternal, .motion_generator_mode = Mode::kNone};
-  const auto id = client.post(move);
+  const auto id = client.post(kTorque);
   EXPECT_EQ(client.answer(id), Status::kMotionStarted);
   client.receive_until([&](const fci::RobotState& state) {
     const bool idle = RawClient::idle(state);
-    EXPECT_TRUE(idle || client.shows(move));
+    EXPECT_TRUE(idle || client.shows(kTorque));
     return !idle;
   });
   // Cycles without a command before the first are no losses, however many.
   for (int i = 0; i < 50; ++i) client.receive();
-  EXPECT_TRUE(client.shows(move));
+  EXPECT_TRUE(client.shows(kTorque));
   EXPECT_EQ(client.state.control_command_success_rate, 0);
   client.newest();
   client.drive(30, [&](int) { return fci::RobotCommand{}; });
@@ -196,7 +195,7 @@ TEST(Motion, LostCommandsAreExtrapolatedAndCounted) {
 TEST(Motion, ALateCommandIsLost) {
   DrivenArm arm("fr3", lockstep());
   RawClient client(arm, 10);
-  client.start({.controller_mode = ControllerMode::kExternal, .motion_generator_mode = Mode::kNone});
+  client.start(kTorque);
   fci::RobotCommand command;
   client.drive(5, [&](int) { return command; });
   command.tau_J_d[6] = 0.5;

@@ -9,8 +9,8 @@
 namespace realtime {
 namespace {
 
-constexpr double kNearPose = 0.05;    // m
-constexpr double kAligned = 0.2;  // rad
+constexpr double kNearPose = 0.05;  // m
+constexpr double kAligned = 0.2;    // rad
 
 Samples<7>::Table table(const PoseSamples::Positions& position, const PoseSamples::Quaternions& quaternion) {
   require_same_size(static_cast<std::size_t>(position.cols()), static_cast<std::size_t>(quaternion.cols()));

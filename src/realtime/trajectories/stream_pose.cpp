@@ -13,7 +13,7 @@ namespace {
 
 // Where position and quaternion are in the numbers of each message that it takes.
 const std::vector<std::string> kPoseMessages = {"PosePositionSensorMessage", "PosePositionVelocitySensorMessage", "PoseChunk"};
-constexpr int kPoseIn[] = {2, 3, 0};
+constexpr int kPositionAt[] = {2, 3, 0};
 
 // Of the rotation vectors of one orientation the one that is nearest to another.
 Vector3 nearest(const Vector3& r, const Vector3& to) {
@@ -49,7 +49,7 @@ void StreamPose::start(const Reference& from) noexcept {
 }
 
 void StreamPose::take(double time, const SensorSample& sample) noexcept {
-  const double* values = sample.values.data() + kPoseIn[sample.message];
+  const double* values = sample.values.data() + kPositionAt[sample.message];
   add(time, sample, Vector3::Map(values), {values[3], values[4], values[5], values[6]});
 }
 
