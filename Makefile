@@ -185,7 +185,7 @@ ROOMS_tsan := robot server
 ROOMS_asan-all := wire models realtime parts robot server sim
 ROOMS_tsan-all := $(ROOMS_asan-all)
 # Laws over long motions, whose code shorter tests run too, and the second of both models: by the nightly ones only.
-LONG_asan := ^Arms/.*/fr3|whatever_(pose_)?is_asked_for|next_to_|many_walls_|OutOfReach|PushedArm|PulledArm|SprungArm|StretchedArm|FoldedArm|PoseAlongWall\..*/fer_robots|an_arm_that_swings
+LONG_asan := ^Arms/.*/fr3|whatever_(pose_)?is_asked_for|next_to_|many_walls_|OutOfReach|PushedArm|PulledArm|SprungArm|StretchedArm|FoldedArm|FastPose|PoseAlongWall|an_arm_that_(swings|dodges|is_torn|is_led|is_pressed)|braking_when_another|says_of_a_way|thin_wall|tool_faster
 # What has one thread.
 LONG_tsan := ^SkillBuilderTest
 

@@ -177,6 +177,8 @@ def arms_of(server: Server) -> proto.Arms:
                     failures += 1
                     if channels.is_unknown_key(monitor):
                         raise FrankaArmCommException(channels.unknown_key(server.address, server.key))
+            if not answered:
+                _mechanism(server.host, server.port)  # which knows at once where nobody listens any more
         if failures and not answered and server.key is not None:
             raise FrankaArmCommException(
                 f"The server at {server.address} is not the one that {server.key} is for: were its keys made anew (then this client needs a "

@@ -213,7 +213,7 @@ def test_a_computer_that_stands_still_for_a_while_makes_nobody_look_as_if_it_hun
         fa.stop_skill()
 
 
-def test_a_publisher_finds_a_server_that_was_started_anew_and_so_does_who_waits_for_it():
+def test_a_publisher_finds_a_server_that_was_started_anew_and_so_does_who_waits_for_it(monkeypatch):
     arm = SimulatedArm(lockstep=True, ideal=True, address=free_address())
     with Simulation(arm) as simulation:
         port = int(simulation.server.rpartition(":")[2])
@@ -223,7 +223,8 @@ def test_a_publisher_finds_a_server_that_was_started_anew_and_so_does_who_waits_
         while True:  # that the other end is gone is known a moment later
             publisher.publish(proto.JointPositionSensorMessage(joints=GOAL))
             time.sleep(0.01)
-    with pytest.raises(FrankaArmCommException):
+    with monkeypatch.context() as impatient, pytest.raises(FrankaArmCommException):
+        impatient.setattr(connection, "_END_TIME", 0.1)
         fa.wait_for_franka_interface(0.1)
     with Simulation(arm, port=port), fa, publisher:
         fa.wait_for_franka_interface(60)
