@@ -92,6 +92,13 @@ def test_another_program_on_the_port_is_told_from_a_server(impatient):
             FrankaArm(server=f"{host}:{port}")
 
 
+def test_that_a_server_went_before_it_answered_is_known_at_once():
+    with ScriptedServer() as server:
+        found = connection.find_server(server.address)
+    with pytest.raises(FrankaArmCommException, match="No server at"):  # and not that it does not answer
+        connection.arms_of(found)
+
+
 def test_another_version_is_refused(server):
     server.version = 0
     with pytest.raises(FrankaArmCommException, match="install the same version"):

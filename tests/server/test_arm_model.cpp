@@ -79,8 +79,8 @@ TEST(ArmModel, AConfigurationThatTheRobotContradictsIsRefused) {
   };
   const std::string fr3 = models::urdf(models::arm("fr3"), 10);
   for (const std::string& text : {refusal(5, "", "fr3"), refusal(5, "", "fr3v2"), refusal(6, "", "fer"), refusal(10, "", "fer"),
-                                 refusal(10, fr3, "fer"), refusal(10, fr3, "fr3v2"), refusal(10, renamed(fr3, "r2d2"), "fer"),
-                                 refusal(8, models::urdf(models::arm("fr3v2"), 8), "fr3")}) {
+                                  refusal(10, fr3, "fer"), refusal(10, fr3, "fr3v2"), refusal(10, renamed(fr3, "r2d2"), "fer"),
+                                  refusal(8, models::urdf(models::arm("fr3v2"), 8), "fr3")}) {
     EXPECT_NE(text.find("limits and masses of another arm would apply. Set model = \"auto\""), std::string::npos) << text;
   }
   EXPECT_NE(refusal(5, "", "fr3").find("model = \"fr3\", and the robot (protocol version 5) is Franka Emika Robot"), std::string::npos);

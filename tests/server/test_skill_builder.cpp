@@ -176,6 +176,19 @@ TEST_F(SkillBuilderTest, RelativeGoalsOutOfRangeAreRefused) {
   EXPECT_EQ(error_of(skill_of(message, proto::JointImpedance())), "no error");
 }
 
+// However little: the goal is inside, and a motion that begins fast goes beyond the limit before it turns.
+TEST_F(SkillBuilderTest, AWayThatLeavesTheRangeOfAJointIsRefused) {
+  const auto skill = skill_of(joint_motion(), proto::JointImpedance());
+  now_.command.message_id = 1;
+  now_.reference.motion = realtime::Channels::kJoint;
+  now_.reference.joint.q = realtime::Vector7::Map(models::kHome.data());
+  now_.reference.joint.q[3] = fr3_limits().q_max[3] - 0.01;
+  now_.reference.joint.dq[3] = 0.001;
+  EXPECT_EQ(error_of(skill), "no error");
+  now_.reference.joint.dq[3] = 0.3;
+  EXPECT_TRUE(error_of(skill).starts_with("MinJerkJoint: joint 4 would be at ")) << error_of(skill);
+}
+
 TEST_F(SkillBuilderTest, PosesOutOfReachAreRefusedWithWhatIsReached) {
   for (const double x : {0.8, 1.9}) {
     const std::string text = error_of(skill_of(pose_motion(x, 0, 0), proto::CartesianImpedance()));
