@@ -128,7 +128,7 @@ fuzz: fuzz-600 ## send mutated bytes to every parser, under sanitizers, for ten 
 fuzz-gate: SEED = 1
 fuzz-gate: fuzz-30
 
-fuzz-%: $(BUILD)/asan/build.ninja
+fuzz-%: build $(BUILD)/asan/build.ninja
 	@$(ALONE); cmake --build $(BUILD)/asan -j $(JOBS) --target $(FUZZERS)
 	printf '%s\n' $(FUZZERS) | ASAN_OPTIONS=abort_on_error=1 UBSAN_OPTIONS=abort_on_error=1 xargs -P $(words $(FUZZERS)) -I @ \
 	  sh -c '$(BUILD)/asan/bin/@ tests/fuzz/corpus/@ $* $(SEED) || { echo "@ has failed"; false; }'
@@ -170,7 +170,7 @@ $(BUILD)/build.ninja: $(VENV)/.installed
 	@$(ALONE); cmake -S . -B $(BUILD) -G Ninja
 
 $(BUILD)/%/build.ninja: $(VENV)/.installed
-	@$(ALONE); cmake -S . -B $(@D) -G Ninja -DSANITIZE=$(SANITIZE_$*)
+	@$(ALONE); cmake -S . -B $(@D) -G Ninja -DSANITIZE=$(SANITIZE_$(*:-all=)) $(if $(filter %-all,$*),,-DPLAIN_BUILD="$(CURDIR)/$(BUILD)")
 
 SANITIZE_asan := address,undefined
 SANITIZE_tsan := thread
@@ -189,10 +189,10 @@ LONG_asan := ^Arms/.*/fr3|whatever_(pose_)?is_asked_for|next_to_|many_walls_|Out
 # What has one thread.
 LONG_tsan := ^SkillBuilderTest
 
-asan asan-all tsan tsan-all: FOLDER = $(BUILD)/$(@:-all=)
-asan asan-all: $(BUILD)/asan/build.ninja
-tsan tsan-all: $(BUILD)/tsan/build.ninja
-asan asan-all tsan tsan-all:
+# The gate's sanitized builds take from the plain one what they need not compile; those of all compile all.
+asan tsan: build
+asan asan-all tsan tsan-all: FOLDER = $(BUILD)/$@
+asan asan-all tsan tsan-all: %: $(BUILD)/%/build.ninja
 	@$(ALONE); cmake --build $(FOLDER) -j $(JOBS) --target $(addsuffix _test,$(ROOMS_$@))
 	TSAN_OPTIONS="suppressions='$(CURDIR)/tests/tsan.supp'" $(FIXED_ADDRESSES) ctest --test-dir $(FOLDER) --no-tests=error -j $(JOBS) \
 	  -L '^($(subst $() ,|,$(ROOMS_$@)))$$' -LE '$(if $(findstring all,$@),^$$,wall|nightly)' -E '$(or $(LONG_$@),^$$)' \

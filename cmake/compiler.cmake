@@ -33,6 +33,7 @@ endif()
 set(WITHOUT_SIMD EIGEN_DONT_VECTORIZE EIGEN_MAX_ALIGN_BYTES=16 EIGEN_MAX_STATIC_ALIGN_BYTES=16)
 
 set(SANITIZE "" CACHE STRING "Sanitizers for the whole build: empty, address,undefined or thread")
+set(PLAIN_BUILD "" CACHE PATH "Build without sanitizers, from which a sanitized one takes what it need not compile; may be empty")
 if(SANITIZE)
   # What takes longest to compile is left out: optimisation, SIMD, and checks that the address sanitizer makes as well.
   set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O1 -g1 -DNDEBUG")

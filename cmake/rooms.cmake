@@ -50,3 +50,33 @@ function(join_sources target)
     math(EXPR number "${number} + 1")
   endwhile()
 endfunction()
+
+# take_compiled(<target> <regex>)
+#
+# In a sanitized build that has a plain one beside it (PLAIN_BUILD): those of the target's files whose paths match are not compiled
+# but taken from there, for what a sanitizer has nothing to look for in. They come last, so that of inline functions which others
+# have too the sanitized ones are linked.
+function(take_compiled target regex)
+  if(NOT PLAIN_BUILD)
+    return()
+  endif()
+  cmake_path(RELATIVE_PATH CMAKE_CURRENT_BINARY_DIR BASE_DIRECTORY ${CMAKE_BINARY_DIR} OUTPUT_VARIABLE folder)
+  get_target_property(sources ${target} SOURCES)
+  foreach(source IN LISTS sources)
+    get_source_file_property(joined ${source} HEADER_FILE_ONLY)
+    if(joined OR NOT source MATCHES "\\.(cpp|cc)$" OR NOT source MATCHES "${regex}")
+      continue()
+    endif()
+    cmake_path(ABSOLUTE_PATH source OUTPUT_VARIABLE path)
+    # As CMake names objects.
+    set(base ${CMAKE_CURRENT_SOURCE_DIR})
+    cmake_path(IS_PREFIX base ${path} below)
+    if(NOT below)
+      set(base ${CMAKE_CURRENT_BINARY_DIR})
+    endif()
+    cmake_path(RELATIVE_PATH path BASE_DIRECTORY ${base})
+    string(REPLACE "../" "__/" path ${path})
+    set_source_files_properties(${source} PROPERTIES HEADER_FILE_ONLY ON)
+    target_sources(${target} PRIVATE ${PLAIN_BUILD}/${folder}/CMakeFiles/${target}.dir/${path}.o)
+  endforeach()
+endfunction()

@@ -689,6 +689,7 @@ def test_a_forked_child_publishes_over_a_socket_of_its_own(server, sensors):
         assert publisher_heard_at(sensors[0]) == own
 
 
+@pytest.mark.nightly
 def test_a_slow_reader_loses_what_comes_while_too_many_wait():
     waiting, count = 10_000, 60_000  # more than wait at both ends and in the operating system between them
     with zmq.Context() as context, context.socket(zmq.XPUB) as publisher:

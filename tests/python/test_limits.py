@@ -158,7 +158,7 @@ def test_samples_that_begin_beside_the_reference_are_caught_up_with_while_packet
     with arm.client() as fa:
         arm.simulation.network(loss_in=0.05, loss_out=0.05, seed=11)
         aside = 0.05 * (1 - np.cos(np.pi * np.linspace(0, 2, 2001)))[:, None] * [1, 1, 0.5]
-        for _ in range(20):
+        for _ in range(6):
             here = fa.get_pose(include_tool_offset=False)  # where it is, and not where it was to be
             samples = PoseSamples(here.translation + aside, np.tile(here.quaternion, (len(aside), 1)))
             result = fa.run(samples, InternalImpedance())

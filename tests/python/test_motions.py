@@ -251,6 +251,7 @@ def test_states_come_at_a_lower_rate_and_in_parts_as_well(fa):
     assert all(len(state.robot.q) == 7 and not state.robot.tau_J and not state.HasField("phase") for state in received)
 
 
+@pytest.mark.nightly
 def test_who_never_reads_costs_the_others_no_state(fa):
     with ExitStack() as stack:
         for _ in range(3):
@@ -347,7 +348,7 @@ def test_joints_for_a_pose_are_inside_the_limits_and_near(fa):
     for tool in (None, RigidTransform(translation=[0.02, 0, 0.1], from_frame="franka_tool", to_frame="franka_tool_base")):
         if tool is not None:
             fa.set_tool_delta_pose(tool)
-        for _ in range(25):
+        for _ in range(8):
             joints = random.uniform(lower + 0.05, upper - 0.05)
             goal = pose_at(fa, joints)
             found = fa.ik(goal)
@@ -403,7 +404,7 @@ def test_a_pose_that_is_not_gone_to_by_joints_moves_nothing(fa):
 def test_of_several_ways_to_hold_the_arm_the_nearest_is_found():
     lower, upper = np.array(FrankaConstants.JOINT_LIMITS_MIN), np.array(FrankaConstants.JOINT_LIMITS_MAX)
     random = np.random.default_rng(3)
-    for _ in range(30):
+    for _ in range(10):
         near, goal = random.uniform(lower, upper, (2, 7))
         flange = kinematics.link_frames(goal)[8]
         found, *error = kinematics.inverse(flange, near, lower, upper)

@@ -218,7 +218,7 @@ def random_goals(robot: str, count: int) -> None:
 
 
 def test_random_goals_end_without_an_error_of_the_robot(robot):
-    random_goals(robot, 15)
+    random_goals(robot, 6)
 
 
 @pytest.mark.nightly

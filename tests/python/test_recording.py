@@ -495,6 +495,7 @@ int fdatasync(int fd) {
 """
 
 
+@pytest.mark.nightly
 def test_a_slow_disk_costs_the_recording_and_nothing_else(tmp_path, monkeypatch):
     source, library, still = tmp_path / "disk.c", tmp_path / "disk.so", tmp_path / "still"
     source.write_text(_STANDING_DISK)

@@ -240,7 +240,7 @@ def write_junit(file: Path, scenarios: list[Scenario], bad: list[tuple[Scenario,
         if what.seed in found:
             violations = [f"{each.kind}: {each.text}" for each in found[what.seed].violations]
             failure = ElementTree.SubElement(case, "failure", message="; ".join(violations))
-            failure.text = "\n".join(found[what.seed].said)
+            failure.text = "\n".join([*found[what.seed].said, *violations])  # the end is what is shown
     file.parent.mkdir(parents=True, exist_ok=True)
     ElementTree.ElementTree(suite).write(file, encoding="unicode")
 
@@ -285,6 +285,7 @@ def main() -> int:
             print(told(run.scenario, outcome, run.folder))
         else:
             print(f"{outcome.skills} skills, {outcome.seconds:.0f} s, nothing found")
+            print(dict(outcome.endings))
             shutil.rmtree(run.folder, ignore_errors=True)
     else:
         seeds = range(options.first, options.first + (options.runs or 1_000_000))

@@ -503,6 +503,7 @@ class Player:
                 self._found("hung", f"{error}")
         except FrankaArmException as error:
             self._endings[f"{type(error).__name__}: {str(error).split(':')[0][:40]}"] += 1
+            self._say(f"{type(error).__name__}: {' '.join(str(error).split())[:160]}")
         except Exception as error:  # noqa: BLE001
             self._found("unreported", f"a call raised {error!r}")
 
