@@ -62,8 +62,8 @@ demo-lockstep: programs $(VENV)/.frankapy ## the same as `make demo`, as fast as
 test: test-cpp test-python ## run the C++ and the Python tests
 
 # Tests about wall time (label and marker `wall`) run apart, alone on the computer; those of `make nightly` take long. Of what runs on both
-# models these have FR3's, and of the room of the loop the gate's sanitizer has FER's.
-LONG_test-cpp := ^Arms/.*/fer
+# models these have FR3's, and of the room of the loop the gate's sanitizer has FER's. Laws over long motions are nightly ones, too.
+LONG_test-cpp := ^Arms/.*/fer|an_integral_|StretchedArm|FoldedArm.(keeps_its_links|rests_at)
 CTEST  = ctest --test-dir $(BUILD) --no-tests=error --output-on-failure --output-junit "$(JUNIT)/ctest.xml" $(if $(AGAIN),--rerun-failed)
 PYTEST = $(VENV)/bin/python -m pytest tests/python --junit-xml "$(JUNIT)/pytest.xml" $(if $(AGAIN),--lf --lfnf none)
 

@@ -193,6 +193,7 @@ def test_a_crash_of_an_arms_process_is_told_and_the_arm_is_back_soon(start):
         np.testing.assert_allclose(fa.get_joints(), HOME, atol=0.002)
 
 
+@pytest.mark.nightly
 def test_a_computer_that_stands_still_for_a_while_makes_nobody_look_as_if_it_hung(start):
     arm = start()
     with arm.client() as fa:

@@ -591,6 +591,7 @@ def test_two_arms_share_a_world():
             np.testing.assert_allclose(second.truth().q, goal, atol=0.01)
 
 
+@pytest.mark.nightly
 def test_eight_arms_of_one_process(tmp_path):
     arms = SimulatedArm(robot="fr3,fer", arms=8, truth=tmp_path / "run.npy", ideal=True, lockstep=True)
     with Simulation(arms) as eight:
@@ -661,6 +662,7 @@ def run(path, seed):
     return read_truth(path, until=end, timeout=60)
 
 
+@pytest.mark.nightly
 def test_the_same_script_and_seed_give_the_same_bytes(tmp_path):
     first = run(tmp_path / "first.npy", seed=5)
     assert len(first) > 4000 and first["push"].any()

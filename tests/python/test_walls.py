@@ -337,6 +337,7 @@ def test_a_call_ends_at_a_wall_that_comes_across_its_way(walled, ideal_arm):
     assert walled.last_skill_result.wall == "glass"
 
 
+@pytest.mark.nightly
 def test_what_is_held_is_kept_from_the_arm_itself(walled, ideal_arm):
     stick = Capsule(0.01, 0.3, RigidTransform(RigidTransform.y_axis_rotation(np.pi / 2), [-0.15, 0, 0]))  # towards the arm
     back = RelativeMinJerkPose([-0.17, 0, 0], frame="base", duration=20)
