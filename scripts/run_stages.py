@@ -46,7 +46,6 @@ class Stage:
 GATE = [
     Stage("setup", 180),
     Stage("build", 900),
-    Stage("bench-programs", 240),
     Stage("test-cpp", 240, tries=2),
     Stage("test-python", 480, tries=2),
     Stage("types", 120),

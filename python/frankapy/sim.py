@@ -13,6 +13,8 @@ What `frankapy sim`, the examples and the tests start; a script may do so too:
 
 from __future__ import annotations
 
+import collections
+import contextlib
 import errno
 import json
 import os
@@ -187,15 +189,11 @@ class Simulation(ControlChannel):
         return addresses
 
     def _pair(self, arm: SimulatedArm) -> tuple[int | None, str]:
-        # In lockstep arm and loop work by turns and poll for each other: a processor for each.
+        # In lockstep arm and loop work by turns: on one processor each lets the other go on, sooner than one elsewhere would wake.
         if not arm.lockstep:
             return None, ""
-        processors = sorted(os.sched_getaffinity(0))
-        if len(processors) < 2:
-            return None, "lockstep = true\n"
-        first = 2 * len(self.addresses)
-        loop = processors[(first + 1) % len(processors)]
-        return processors[first % len(processors)], f"lockstep = true\nprocessor = {loop}\n"
+        processor = _least_used_processor()
+        return processor, f"lockstep = true\nprocessor = {processor}\n"
 
     def _start_server(
         self,
@@ -259,6 +257,16 @@ def _is_free(address: str, port: int) -> bool:
                 return False
             raise FrankaArmException(f"No program can listen at {address}:{port}: {error.strerror}") from None
     return True
+
+
+def _least_used_processor() -> int:
+    """Return the one of this process's processors to which the fewest simulated arms, of whatever script, are bound."""
+    arms: collections.Counter[int] = collections.Counter()
+    for name in Path("/proc").glob("[0-9]*/comm"):
+        with contextlib.suppress(OSError):  # it has ended
+            if name.read_text() == "fci-sim\n" and len(bound := os.sched_getaffinity(int(name.parent.name))) == 1:
+                arms.update(bound)
+    return min(sorted(os.sched_getaffinity(0)), key=lambda processor: arms[processor])
 
 
 def _require_free_port(listen: str, port: int) -> None:
