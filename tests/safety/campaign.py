@@ -285,7 +285,6 @@ def main() -> int:
             print(told(run.scenario, outcome, run.folder))
         else:
             print(f"{outcome.skills} skills, {outcome.seconds:.0f} s, nothing found")
-            print(dict(outcome.endings))
             shutil.rmtree(run.folder, ignore_errors=True)
     else:
         seeds = range(options.first, options.first + (options.runs or 1_000_000))
