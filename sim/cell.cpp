@@ -126,11 +126,11 @@ void Cell::receive_commands() {
   // Also of arms that are not waited for: one whose motion is to begin while another's runs. What comes in a pause stays where it is.
   if (time_ != Time::kPaused || steps_ > 0) take_commands();
   if (!awaited()) {
-    // A command whose loss is known is not waited for.
-    const bool lost = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
-      return station->robot.awaits_command() && station->robot_server.in_vain();
+    // Nobody is waited for where every command has come already, or the loss of the one that has not is known.
+    const bool answered = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {
+      return station->command || (station->robot.awaits_command() && station->robot_server.in_vain());
     });
-    return lost && goes_on() ? pace_.restart() : keep_pace();
+    return answered && goes_on() ? pace_.restart() : keep_pace();
   }
   wait_for_commands(time_ == Time::kBetweenMotionsPaused ? kLonger * patience_ / 10 : patience_);
   const bool came = std::any_of(stations_.begin(), stations_.end(), [](const auto& station) {

@@ -35,7 +35,7 @@ void WallClock::sleep_until(std::int64_t time) {
 
 void WallClock::wait_for(int socket, std::int64_t time) {
   // Who is in a hurry answers sooner than a sleeping thread wakes; that one may be waiting for this processor.
-  constexpr std::int64_t kPolling = 100'000;  // ns
+  constexpr std::int64_t kPolling = 25'000;  // ns, as most answers take
   const std::int64_t begin = now();
   for (std::int64_t until = std::min(time, begin + kPolling); now() < until;) {
     if (readable(socket, 0)) return;

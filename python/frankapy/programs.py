@@ -26,8 +26,8 @@ _STARTED_BY = "FRANKAPY_STARTED_BY"  # environment of its children: its process 
 class Child:
     """A program that ends with this one, and what it writes."""
 
-    def __init__(self, command: Sequence[str], ready: str, log: IO[str] | None, processor: int | None = None) -> None:
-        """Start it, on this processor alone (None: on any).
+    def __init__(self, command: Sequence[str], ready: str, log: IO[str] | None) -> None:
+        """Start it.
 
         `ready`: how the line begins with which it says that it is ready, the last that `first_line` finds.
 
@@ -42,7 +42,7 @@ class Child:
         self._failure: Exception | None = None
         self.process: subprocess.Popen[str]
         # The kernel takes the thread that starts a program for its parent: one that lives as long as the program does.
-        self._reader = threading.Thread(target=self._run, args=(command, processor), daemon=True)
+        self._reader = threading.Thread(target=self._run, args=(command,), daemon=True)
         self._reader.start()
         try:
             self._tried.wait()
@@ -54,9 +54,9 @@ class Child:
         if self._failure is not None:
             raise FrankaArmException(f"{command[0]} cannot be started: {self._failure}") from self._failure
 
-    def _run(self, command: Sequence[str], processor: int | None) -> None:
+    def _run(self, command: Sequence[str]) -> None:
         try:
-            self.process = _start(command, processor)
+            self.process = _start(command)
         except Exception as error:  # whoever waits for the start raises it
             self._failure = error
             return
@@ -111,12 +111,7 @@ class Child:
         self._reader.join(timeout=1)
 
 
-def _start(command: Sequence[str], processor: int | None) -> subprocess.Popen[str]:
-    def before_start() -> None:
-        die_with_parent()  # when the script is killed
-        if processor is not None:
-            os.sched_setaffinity(0, {processor})
-
+def _start(command: Sequence[str]) -> subprocess.Popen[str]:
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -125,7 +120,7 @@ def _start(command: Sequence[str], processor: int | None) -> subprocess.Popen[st
         text=True,
         errors="replace",
         start_new_session=True,  # Ctrl-C is for the script, which then ends its children
-        preexec_fn=before_start,
+        preexec_fn=die_with_parent,  # when the script is killed
         env=os.environ | {_STARTED_BY: str(os.getpid())},
     )
 

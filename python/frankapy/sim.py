@@ -13,8 +13,6 @@ What `frankapy sim`, the examples and the tests start; a script may do so too:
 
 from __future__ import annotations
 
-import collections
-import contextlib
 import errno
 import json
 import os
@@ -85,7 +83,7 @@ class Simulation(ControlChannel):
         record: str | None = None,
         recordings: str | os.PathLike[str] | None = None,
         keys: str | os.PathLike[str] | None = None,
-        recovery: Mapping[str, str | int] | None = None,
+        settings: Mapping[str, Mapping[str, object]] | None = None,
         log: IO[str] | None = None,
     ) -> None:
         """Start, and wait until every arm is ready; without `arms`, one FR3.
@@ -100,7 +98,7 @@ class Simulation(ControlChannel):
             recordings: folder of its recordings; None: its default.
             keys: folder of its keys (docs/keys.md), of which this program has one as $FRANKAPY_KEY or in the usual place; None: its
                 default.
-            recovery: what the server's configuration has under arm.recovery, such as {"collisions": "itself"}.
+            settings: what the server's configuration has of each arm, such as {"recovery": {"collisions": "itself"}}.
             log: where both programs write; None: nowhere, but into the exception when they fail.
 
         Raises FrankaArmException which says what a program wrote when it did not start.
@@ -111,15 +109,14 @@ class Simulation(ControlChannel):
         self.arms: list[ControlChannel] = []
         try:
             self.addresses: list[str] = []
-            self._loops: list[str] = []  # what the server's configuration says of the loop of each address
+            self._lockstep: list[bool] = []  # whether each address is in lockstep
             for arm in arms or (SimulatedArm(),):
-                own, loop = self._pair(arm)
-                addresses = self._start_arm(arm, own)
+                addresses = self._start_arm(arm)
                 self.addresses += addresses
-                self._loops += [loop] * len(addresses)
+                self._lockstep += [arm.lockstep] * len(addresses)
             super().__init__(self.addresses[0])
             self.arms += [self, *(ControlChannel(address) for address in self.addresses[1:])]
-            self.server = self._start_server(listen, port, hold_time, load, record, recordings, keys, recovery or {})
+            self.server = self._start_server(listen, port, hold_time, load, record, recordings, keys, settings or {})
             self._wait_until_ready()
         except BaseException:
             self.close()
@@ -154,7 +151,7 @@ class Simulation(ControlChannel):
     ) -> None:
         self.close()
 
-    def _start_arm(self, arm: SimulatedArm, processor: int | None) -> list[str]:
+    def _start_arm(self, arm: SimulatedArm) -> list[str]:
         # Its last line of those that say where an arm is tells that all are ready.
         address = arm.address or free_address(arm.arms or 16)
         if arm.address is not None and not _is_free(arm.address, FCI_PORT):
@@ -174,7 +171,7 @@ class Simulation(ControlChannel):
         if arm.truth is not None:
             command += ["--truth", os.fspath(arm.truth)]
         ready = "fci-sim: ready"
-        child = Child([*command, *arm.more], ready, self._log, processor)
+        child = Child([*command, *arm.more], ready, self._log)
         self._children.append(child)
         addresses: list[str] = []
         deadline = time.monotonic() + _START_TIME
@@ -188,13 +185,6 @@ class Simulation(ControlChannel):
                 )
         return addresses
 
-    def _pair(self, arm: SimulatedArm) -> tuple[int | None, str]:
-        # In lockstep arm and loop work by turns: on one processor each lets the other go on, sooner than one elsewhere would wake.
-        if not arm.lockstep:
-            return None, ""
-        processor = _least_used_processor()
-        return processor, f"lockstep = true\nprocessor = {processor}\n"
-
     def _start_server(
         self,
         listen: str,
@@ -204,17 +194,18 @@ class Simulation(ControlChannel):
         record: str | None,
         recordings: str | os.PathLike[str] | None,
         keys: str | os.PathLike[str] | None,
-        recovery: Mapping[str, str | int],
+        settings: Mapping[str, Mapping[str, object]],
     ) -> str:
         if port:
             _require_free_port(listen, port)
         config = Path(self._folder.name) / "arms.toml"
         text = f"load = {json.dumps([os.path.abspath(path) for path in load])}\n"
-        for i, (address, loop) in enumerate(zip(self.addresses, self._loops, strict=True), 1):
-            text += f'[[arm]]\nname = "arm{i}"\naddress = "{address}"\n{loop}'
+        for i, (address, lockstep) in enumerate(zip(self.addresses, self._lockstep, strict=True), 1):
+            text += f'[[arm]]\nname = "arm{i}"\naddress = "{address}"\nlockstep = {json.dumps(lockstep)}\n'
             if hold_time is not None:
                 text += f"hold_time = {float(hold_time)}\n"
-            text += "[arm.recovery]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in recovery.items())
+            for table, values in settings.items():
+                text += f"[arm.{table}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
         config.write_text(text)
         command = [program("franka-interface"), "--config", str(config), "--listen", listen, "--port", str(port)]
         command += ["--record", record] if record else []
@@ -257,16 +248,6 @@ def _is_free(address: str, port: int) -> bool:
                 return False
             raise FrankaArmException(f"No program can listen at {address}:{port}: {error.strerror}") from None
     return True
-
-
-def _least_used_processor() -> int:
-    """Return the one of this process's processors to which the fewest simulated arms, of whatever script, are bound."""
-    arms: collections.Counter[int] = collections.Counter()
-    for name in Path("/proc").glob("[0-9]*/comm"):
-        with contextlib.suppress(OSError):  # it has ended
-            if name.read_text() == "fci-sim\n" and len(bound := os.sched_getaffinity(int(name.parent.name))) == 1:
-                arms.update(bound)
-    return min(sorted(os.sched_getaffinity(0)), key=lambda processor: arms[processor])
 
 
 def _require_free_port(listen: str, port: int) -> None:

@@ -20,7 +20,7 @@ using namespace std::chrono_literals;
 constexpr int kTcpChecks = 10;        // looks for a closed connection in the time in which no states come
 constexpr int kTcpEvery = 8;          // polls between looks at TCP while no answer is due
 constexpr std::int64_t kShortWait = 500'000;  // ns, for a state: nobody paces this arm
-constexpr std::int64_t kPolling = 200'000;    // ns
+constexpr std::int64_t kPolling = 25'000;     // ns, as most answers in lockstep take
 constexpr int kPollingPause = 3;              // waits without polling after it was in vain
 constexpr std::size_t kMinResponse = fci::kHeaderSize + 1;  // bytes: a status at least
 constexpr std::size_t kMaxResponse = 64 << 20;              // bytes: above this it is garbage

@@ -158,10 +158,10 @@ def starting(request, tmp_path_factory):
     started = []
     with ExitStack() as running:
 
-        def start(truth: bool = getattr(request.module, "TRUTH_FILE", False), hold_time: float | None = None, **options) -> Arm:
+        def start(truth: bool = getattr(request.module, "TRUTH_FILE", False), hold_time: float | None = None, settings=None, **options) -> Arm:
             truth = tmp_path_factory.mktemp("truth") / "truth.npy" if truth else None
             arm = SimulatedArm(lockstep=True, truth=truth, **options)
-            simulation = running.enter_context(Simulation(arm, hold_time=hold_time))
+            simulation = running.enter_context(Simulation(arm, hold_time=hold_time, settings=settings))
             started.append(simulation)
             return Arm(simulation, truth)
 

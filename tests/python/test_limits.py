@@ -15,31 +15,13 @@ from frankapy.parts import (
     RelativeMinJerkPose,
     StreamJoint,
 )
-from frankapy.sim import Simulation
 
 TRUTH_FILE = True
 
 
-@pytest.fixture
-def start_with(start, monkeypatch):
-    """Return start() of an arm of which the server's configuration says more."""
-
-    def start_with(configuration: str, **options):
-        pair = Simulation._pair
-
-        def with_configuration(self, arm):
-            processor, loop = pair(self, arm)
-            return processor, loop + configuration
-
-        monkeypatch.setattr(Simulation, "_pair", with_configuration)
-        return start(truth=True, **options)
-
-    return start_with
-
-
 @pytest.mark.parametrize("robot", ["fr3", "fer"])
-def test_the_configured_speed_bounds_joints_and_poses_alike(start_with, robot):
-    arm = start_with("[arm.limits]\nvelocity = 0.1\n", robot=robot)
+def test_the_configured_speed_bounds_joints_and_poses_alike(start, robot):
+    arm = start(settings={"limits": {"velocity": 0.1}}, robot=robot)
     with arm.client() as fa:
         for impedance in (True, False):
             for go in (
@@ -60,19 +42,19 @@ def beside(fa: FrankaArm, translation):
     return pose
 
 
-THRESHOLDS = "".join(
-    f"{side}_{what}_thresholds = {[1000] * count}\n"
+THRESHOLDS = {
+    f"{side}_{what}_thresholds": [1000] * count
     for side in ("lower", "upper")
     for what, count in (("torque", 7), ("force", 6))
-)
+}
 HELD = 3.0  # s
 
 
 @pytest.mark.parametrize("robot", ["fr3", "fer"])
 @pytest.mark.parametrize("of", ["joints", "pose"])
-def test_an_arm_that_is_held_does_not_leap_when_it_is_let_go(start_with, robot, of):
+def test_an_arm_that_is_held_does_not_leap_when_it_is_let_go(start, robot, of):
     """200 N hold it where it is, for 3 s, while its target moves away; it then goes on as slowly as it was to."""
-    arm = start_with("[arm.collision]\n" + THRESHOLDS, robot=robot)
+    arm = start(settings={"collision": THRESHOLDS}, robot=robot)
     with arm.client() as fa:
         fa.goto_joints(HOME, 2)
         with arm.standing_still():

@@ -178,7 +178,7 @@ def test_guiding_comes_before_the_user_stop(sim, fa):
 
 def test_the_lab_may_allow_more_or_less():
     lab = {"errors": "never", "collisions": "itself", "user_stop": "itself", "times": 1}
-    with Simulation(SimulatedArm(lockstep=True, ideal=True), recovery=lab) as sim, FrankaArm(server=sim.server) as fa:
+    with Simulation(SimulatedArm(lockstep=True, ideal=True), settings={"recovery": lab}) as sim, FrankaArm(server=sim.server) as fa:
         recovery = fail(sim, fa, "joint_reflex", recover="itself").recovery
         assert recovery.recovered and recovery.by_itself
         assert not fail(sim, fa, "joint_reflex", recover="itself").recovery.recovered  # twice

@@ -182,17 +182,8 @@ def test_limits_outlive_the_process_of_their_arm(limited, ideal_arm):
         assert tool_speed(ideal_arm.truth(first)).max() < 0.2
 
 
-def test_the_configuration_is_the_most_that_may_be_set(start, monkeypatch):
-    from frankapy.sim import Simulation
-
-    pair = Simulation._pair
-
-    def with_configuration(self, arm):
-        processor, loop = pair(self, arm)
-        return processor, loop + "[arm.limits]\nvelocity = 0.5\ntool_speed = 0.25\n"
-
-    monkeypatch.setattr(Simulation, "_pair", with_configuration)
-    arm = start(truth=True, ideal=True)
+def test_the_configuration_is_the_most_that_may_be_set(start):
+    arm = start(truth=True, ideal=True, settings={"limits": {"velocity": 0.5, "tool_speed": 0.25}})
     with arm.client() as fa:
         assert (fa.limits.velocity, fa.limits.most.tool_speed) == (0.5, 0.25)
         with pytest.raises(FrankaArmArgumentError, match=r"velocity is 0.8 of the robot's: expected 0.01 to 0.5"):

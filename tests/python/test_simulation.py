@@ -591,21 +591,6 @@ def test_two_arms_share_a_world():
             np.testing.assert_allclose(second.truth().q, goal, atol=0.01)
 
 
-def bound_to(process: int) -> set[int]:
-    """Return the processors to which threads of a process are bound that are bound to one."""
-    threads = [os.sched_getaffinity(int(thread)) for thread in os.listdir(f"/proc/{process}/task")]
-    return set().union(*(processors for processors in threads if len(processors) == 1))
-
-
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="this computer has one processor")
-def test_in_lockstep_arm_and_loop_have_one_processor():
-    with Simulation(SimulatedArm(lockstep=True)) as simulation:
-        arm, server = (child.process.pid for child in simulation._children)
-        (of_the_arm,) = Path(f"/proc/{server}/task/{server}/children").read_text().split()
-        assert len(bound_to(arm)) == 1
-        assert bound_to(int(of_the_arm)) == bound_to(arm)
-
-
 @pytest.mark.nightly
 def test_eight_arms_of_one_process(tmp_path):
     arms = SimulatedArm(robot="fr3,fer", arms=8, truth=tmp_path / "run.npy", ideal=True, lockstep=True)
@@ -656,7 +641,7 @@ def test_arms_of_one_process_have_worlds_of_their_own():
 
 def run(path, seed):
     arm = SimulatedArm(scene="table_with_block", lockstep=True, paused_between_motions=True, truth=path, seed=seed)
-    with Simulation(arm, hold_time=0, recovery={"collisions": "itself"}) as simulation, FrankaArm(server=simulation.server) as fa:
+    with Simulation(arm, hold_time=0, settings={"recovery": {"collisions": "itself"}}) as simulation, FrankaArm(server=simulation.server) as fa:
         goal = np.array(HOME)
         goal[0] += 0.2
         fa.goto_joints(goal, duration=1)

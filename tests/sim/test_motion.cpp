@@ -137,6 +137,16 @@ TEST(Motion, ModesChangeTogetherAndAnswersFollowTheStatesThatShowThem) {
   EXPECT_EQ(client.answer(id), Status::kSuccess);
 }
 
+TEST(Motion, InLockstepNoTimePassesWhereTheCommandIsThereAlready) {
+  DrivenArm arm("fr3", lockstep());
+  RawClient client(arm, 10);
+  client.start(kTorque);
+  client.drive(1, [](int) { return fci::RobotCommand{}; });
+  const std::int64_t before = arm.now();
+  client.drive(100, [](int) { return fci::RobotCommand{}; });
+  EXPECT_EQ(arm.now(), before);
+}
+
 TEST(Motion, TheNextStartsTwoStatesAfterTheFinishFlag) {
   DrivenArm arm("fr3", lockstep());
   RawClient client(arm, 10);
