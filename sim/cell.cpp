@@ -37,7 +37,7 @@ Cell::Cell(const Options& options, Clock& clock)
       clock_(clock),
       poller_(clock),
       world_(world_options(options)),
-      pace_(clock, options.speed),
+      pace_(clock, options.lockstep ? 1 : options.speed),
       stopped_(&kNever),
       time_(options.time) {
   for (std::size_t i = 0; i < options.arms.size(); ++i) {
@@ -162,7 +162,7 @@ void Cell::keep_pace() {
   serve();
   if (time_ == Time::kPaused && steps_ == 0) return;  // what came stays where it is
   take_commands();
-  const std::int64_t patience = std::max(late ? pace_.period() : 0, pace_.grace() - clock_.now());
+  const std::int64_t patience = lockstep_ ? patience_ : std::max(late ? pace_.period() : 0, pace_.grace() - clock_.now());
   if (patience <= 0 || !awaited()) return;
   const std::int64_t before = clock_.now();
   wait_for_commands(patience);
@@ -175,6 +175,7 @@ void Cell::wait_for_commands(std::int64_t patience) {
     for (auto& station : stations_) {
       if (awaited(*station)) station->command = station->robot_server.wait(until);
     }
+    take_commands();  // the first of another arm's motion meanwhile
     if (!awaited() || clock_.now() >= until) return;
     serve();
   }

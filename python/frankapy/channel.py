@@ -30,6 +30,7 @@ from frankapy.exceptions import (
 )
 
 SILENCE = 3.0  # s without an answer after which the server is taken for gone
+_SLOWEST_NETWORK = 250e3  # bytes/s that a request may need to arrive
 # Of a socket: that no connection came about.
 HANDSHAKE_FAILURES = (
     zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
@@ -135,6 +136,7 @@ class Call:
         self._last_reply: proto.Reply | None = None
         self._failure: str | None = None
         self.sent = 0.0  # by time.perf_counter()
+        self.size = 0  # bytes, once it was sent
         self._pid = os.getpid()
 
     def first(self) -> proto.Reply:
@@ -147,6 +149,11 @@ class Call:
     def kind(self) -> str:
         """Which request this is: the name of its field in proto.Request."""
         return str(self.request.WhichOneof("call"))
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether its first answer has come, or none will."""
+        return self._first.is_set()
 
     @property
     def was_lost(self) -> bool:
@@ -239,10 +246,13 @@ class Channel:
             call.fail(self.lost)
         return call
 
-    def stop_commands(self) -> None:
-        """Ask for a stop of motions and gripper commands that are under way. Safe in a signal handler; waits for nothing."""
+    def stop_commands(self, recovering: bool = False) -> None:
+        """Ask for a stop of motions and gripper commands that are under way. Safe in a signal handler; waits for nothing.
+
+        `recovering`: that of the arm is waited for; it may be moved back for it.
+        """
         under_way = {call.kind: call for call in list(self._pending.values())}
-        if "start_skill" in under_way:
+        if recovering or "start_skill" in under_way or "recover" in under_way:
             self.send(proto.Request(stop_skill=proto.StopSkill()))
         if "gripper" in under_way and not under_way["gripper"].request.gripper.HasField("stop"):
             self.send(proto.Request(gripper=proto.GripperCommand(stop=proto.GripperCommand.StopGripper())))
@@ -252,6 +262,10 @@ class Channel:
         self._outgoing.append(None)
         self._wake()
         self._thread.join(timeout=1.0)
+
+    def _time_on_the_way(self) -> float:
+        """How long (s) what the server has not answered yet takes on a slow network; what is asked for later waits behind it."""
+        return sum(call.size for call in list(self._pending.values()) if not call.is_answered) / _SLOWEST_NETWORK
 
     def _wake(self) -> None:
         try:
@@ -282,7 +296,9 @@ class Channel:
             pending[call.request.request_id] = call  # those of this thread too
             call.sent = time.perf_counter()
             call.request.sent_ns, call.request.way_ns = time.time_ns(), round(shortest_trip * 1e9 / 2)
-            dealer.send(call.request.SerializeToString())
+            message = call.request.SerializeToString()
+            call.size = len(message)
+            dealer.send(message)
             if unanswered_since is None:
                 unanswered_since = time.monotonic()
 
@@ -331,7 +347,7 @@ class Channel:
                 next_alive = now + _ALIVE_PERIOD
                 alive = proto.Request(request_id=next(self._ids), alive=proto.Alive())
                 transmit(Call(alive))
-            if unanswered_since is not None and now - unanswered_since > SILENCE:
+            if unanswered_since is not None and now - unanswered_since > SILENCE + self._time_on_the_way():
                 reason = (
                     f"The arm's process at {self.endpoint} has not answered for {SILENCE:.0f} s: has the server been "
                     f"stopped, or the network been cut? `frankapy status` tells what is there."

@@ -316,9 +316,11 @@ def _new(options: argparse.Namespace) -> int:
 
 
 def _recover(options: argparse.Namespace) -> int:
+    from frankapy.interrupts import stop_on_interrupt
     from frankapy.recovery import told
 
     connection = Connection(options.server, options.arm)
+    stop_on_interrupt(connection)
     try:
         recovery = connection.recover()
     finally:

@@ -9,7 +9,6 @@ import getpass
 import os
 import socket
 import sys
-import threading
 import time
 
 import zmq
@@ -25,6 +24,7 @@ from frankapy.exceptions import (
     FrankaArmException,
     FrankaArmFrankaInterfaceNotReadyException,
 )
+from frankapy.fork import Lock
 from frankapy.franka_constants import FrankaConstants as FC
 from frankapy.recovery import WAITS_FOR_PEOPLE
 from frankapy.validation import whole
@@ -53,8 +53,8 @@ _END_TIME = 1.0  # s that the supervisor may need to say how an arm's process en
 _SHORT = 16 << 10  # bytes of a request that a server reads at once (kShort of src/server/inbox.cpp)
 _MAX_REQUEST = 8 << 20  # bytes; a longer one would end its connection (kMaxMessage of src/server/transport.cpp)
 
-# Requests for which a server builds something: of one client it takes one at a time.
-_BUILT = ("start_skill", "change_skill", "check_skill")
+# Requests that take a server a while: of one client it takes one at a time.
+_ONE_AT_A_TIME = ("start_skill", "change_skill", "check_skill", "change_walls")
 # Requests that may come twice: where the arm's process ended before its answer, its successor is asked.
 _REPEATABLE = ("get_state", "get_server_status", "list_topics", "skill_status", "stop_skill")
 
@@ -262,10 +262,12 @@ class Connection:
         self._key_file = key
         self.key: ClientKey | None = None
         self._robot_num = robot_num
-        self._lock = threading.Lock()  # of opening
-        self._building = threading.Lock()  # from what the server builds to its first answer
+        self._lock = Lock()  # of opening
+        self._building = Lock()  # from what the server takes one at a time to its first answer
         self._closed = False
+        self.recordings = 0  # that are asked for
         self._has_commanded = False
+        self._recovering = False  # whether it waits for the arm to recover
         self._clock: tuple[float, tuple[float, float]] | None = None  # when the clocks were compared, and what came of it
         self._pid = os.getpid()
         self.welcome = proto.Welcome()
@@ -319,7 +321,7 @@ class Connection:
                 return call
 
     def _start(self, request: proto.Request) -> Call:
-        if request.WhichOneof("call") in _BUILT or request.ByteSize() > _SHORT:
+        if request.WhichOneof("call") in _ONE_AT_A_TIME or request.ByteSize() > _SHORT:
             with self._building:
                 return self._answered(request)
         return self._answered(request)
@@ -366,6 +368,13 @@ class Connection:
         move after `timeout` (s; None: DEFAULT_FRANKA_INTERFACE_TIMEOUT of FrankaConstants), with the reason.
         """
         timeout = FC.DEFAULT_FRANKA_INTERFACE_TIMEOUT if timeout is None else timeout
+        self._recovering = under is not None
+        try:
+            self._wait_until_ready(timeout, under)
+        finally:
+            self._recovering = False
+
+    def _wait_until_ready(self, timeout: float, under: proto.RecoveryPolicy | None) -> None:
         deadline = time.monotonic() + timeout
         while True:
             try:
@@ -395,7 +404,7 @@ class Connection:
     def stop_commands(self) -> None:
         """Ask for a stop of what this client has under way, arm and hand. Safe in a signal handler; waits for nothing."""
         if not self._closed and self._pid == os.getpid():
-            self._channel.stop_commands()
+            self._channel.stop_commands(self._recovering)
 
     @property
     def clock_difference(self) -> tuple[float, float]:

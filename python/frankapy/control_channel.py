@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import socket
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from frankapy import proto
 from frankapy.digits import digits
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
+from frankapy.fork import Lock
 from frankapy.rigid_transform import RigidTransform
 from frankapy.validation import array, number, numbers, validate, vector, whole
 
@@ -71,7 +72,8 @@ class ControlChannel:
         Raises FrankaArmCommException when there is none.
         """
         self._address = address
-        self._lock = threading.Lock()
+        self._lock = Lock()
+        self._pid = os.getpid()
         self._socket: zmq.Socket[bytes] | None = None
         self.truth()
 
@@ -312,16 +314,17 @@ class ControlChannel:
     def save(self) -> int:
         """Keep this moment; return its number for restore() and forget().
 
-        It holds the world, and of every arm in it the robot with its settings and errors, the hand, and the network with
-        its draw: what is lost and delayed after restore() is the same again. At most 100 moments are kept. Refused while a
-        motion is being stopped or an error recovered from.
+        It holds the world, and of every arm in it the robot with its errors, the hand, and the network with its draw:
+        what is lost and delayed after restore() is the same again. At most 100 moments are kept. Refused while a motion
+        is being stopped or an error recovered from.
         """
         return self._ask(save=proto.SaveMoment()).moment
 
     def restore(self, moment: int) -> None:
         """Go back to a moment that was saved.
 
-        The robot's clients do not go back with it; their connections, the robot's message_id and Truth.cycle go on.
+        The robot's clients do not go back with it; their connections, what they have set (impedances, thresholds, load, frames), the
+        robot's message_id and Truth.cycle go on.
         So a moment that was saved while no motion ran is restored while none runs (`fa.stop_skill()` ends what the
         server holds), and one that was saved within a motion while that same motion runs. Its client gets the state of the
         moment and has to go on from there: a law that follows from the state does; where the client has moved on by itself,
@@ -350,6 +353,8 @@ class ControlChannel:
         elif request.HasField("take_image"):
             patience += _DRAWING
         with self._lock:
+            if self._pid != os.getpid():  # forked: the socket is the parent's
+                self._socket, self._pid = None, os.getpid()
             try:
                 if self._socket is None:
                     self._require_somebody()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import threading
 import time
 from collections.abc import Iterator, Sequence
 
@@ -15,6 +14,7 @@ from frankapy import interrupts, proto
 from frankapy.channel import Call, advised, answered
 from frankapy.connection import Connected, Connection
 from frankapy.exceptions import FrankaArmArgumentError, FrankaArmException, FrankaArmFrankaInterfaceNotReadyException
+from frankapy.fork import Lock
 from frankapy.progress import progress
 from frankapy.skill import any_of, check_part
 from frankapy.validation import number
@@ -79,8 +79,8 @@ class Motions(Connected):
 
     def __init__(self, server: Connection | None) -> None:
         self._connection = server
-        self._starting = threading.Lock()  # from the look at what runs to the new one
-        self._judging = threading.Lock()
+        self._starting = Lock()  # from the look at what runs to the new one
+        self._judging = Lock()
         self.running: Motion | None = None  # the last that was sent, until it was seen to have ended
         self.sequence: MotionSequence | None = None  # that is being made
         self.last_result = proto.SkillResult()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -12,12 +13,14 @@ from frankapy.exceptions import FrankaArmException
 
 _PATIENCE = 5.0  # s for the server to begin or to end a file
 
+_count_lock = threading.Lock()
+
 
 @contextlib.contextmanager
 def recording(server: Connection) -> Iterator[Callable[[], proto.RecordingStatus]]:
-    """Record what happens inside; gives a function that tells what there is.
+    """Record what happens inside; gives a function that tells what there is. Inside of another it is a part of that one.
 
-    Raises FrankaArmException where the server cannot write.
+    Raises FrankaArmException where the server cannot write, or has not until the end.
     """
 
     def ask(on: bool | None = None) -> proto.RecordingStatus:
@@ -34,11 +37,24 @@ def recording(server: Connection) -> Iterator[Callable[[], proto.RecordingStatus
             time.sleep(0.01)
 
     inside = True
-    before = ask(on=True).states
+    before = ask()
+    with _count_lock:
+        server.recordings += 1
     try:
-        wait(lambda status: status.open and status.states != before)
+        ask(on=True)
+        wait(lambda status: status.open and status.states != before.states)
         yield lambda: ask(on=inside or None)  # asked again: this client may have had to connect anew
+        status = ask()
+        if status.error or not status.open:
+            raise FrankaArmException(
+                f"Not all was recorded: {status.error or 'the server has heard nothing of this program for a while'}. What there is, is "
+                f"in {status.file}"
+            )
     finally:
         inside = False
-        ask(on=False)
-        wait(lambda status: not status.open)
+        with _count_lock:
+            server.recordings -= 1
+        if not server.recordings:
+            ask(on=False)
+            if not before.open:  # by somebody else
+                wait(lambda status: not status.open)

@@ -18,6 +18,7 @@ from frankapy.exceptions import FrankaArmArgumentError, FrankaArmCommException
 from frankapy.sockets import owned_socket
 from frankapy.validation import text, validate
 
+_MAX_MESSAGE = (1 << 16) - 64  # bytes; a longer one would end its connection (kMaxSensorMessage of src/server/sensor_hub.cpp; less for encryption)
 _LINGER = 1000  # ms that an ending script waits for what it has just published
 
 
@@ -96,6 +97,10 @@ class SensorPublisher:
             topic=self.topic, publisher=self._id, sequence=next(self._sequence), sent_ns=time.time_ns(), way_ns=self._way_ns
         )
         envelope.message.Pack(message)
+        if (size := envelope.ByteSize()) > _MAX_MESSAGE:
+            raise FrankaArmArgumentError(
+                f"{message.DESCRIPTOR.name} has {size} bytes with its envelope: expected at most {_MAX_MESSAGE}. Send less at a time."
+            )
         try:
             self._socket.send(envelope.SerializeToString(), zmq.NOBLOCK)
         except zmq.Again:

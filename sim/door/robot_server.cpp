@@ -360,10 +360,12 @@ void RobotServer::require_restorable(const Moment& moment) const {
 
 void RobotServer::restore(const Moment& moment) {
   const std::uint64_t id = robot_.state().message_id;
+  const Settings settings = robot_.settings();
   std::destroy_at(&robot_);
   std::construct_at(&robot_, moment.robot);
   robot_.continue_from(id);
   robot_.set_version(version_);
+  robot_.keep(settings);
   network_ = moment.network;
   in_vain_ = moment.in_vain;
   if (moment.motion != 0) {

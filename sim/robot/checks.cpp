@@ -103,6 +103,12 @@ void Checks::start(const fci::Move& request, const ArmModel& at) {
   wall_distance_ = walls_.distance(at);
 }
 
+// Where the arm is in it already, it only must not go deeper.
+void Checks::set_wall(int id, const VirtualWall& wall, const ArmModel& at) {
+  walls_.set(id, wall);
+  wall_distance_ = walls_.distance(at);
+}
+
 bool Checks::joints() const {
   return motion_.motion_generator_mode == Mode::kJointPosition || motion_.motion_generator_mode == Mode::kJointVelocity;
 }

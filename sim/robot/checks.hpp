@@ -65,7 +65,7 @@ class Checks {
   // Nearer to itself than it may be, or inside a virtual wall, and closing in. To be called every cycle of a motion.
   fci::Errors collision(const ArmModel& at);
 
-  VirtualWalls& walls() { return walls_; }
+  void set_wall(int id, const VirtualWall& wall, const ArmModel& at);
   const VirtualWalls& walls() const { return walls_; }
 
  private:

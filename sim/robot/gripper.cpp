@@ -93,6 +93,8 @@ std::array<double, 2> Gripper::control(const std::array<double, 2>& finger) {
   if (temperature_ >= kTemperature + kWarming) force_ = std::min(force_, kMaxForce);
   // The spring is never drawn further than for its greatest force.
   const double reach = force_ / kStiffness;
+  if (reach < reach_) reference_ = std::clamp(reference_, x - reach, x + reach);  // without a kick
+  reach_ = reach;
   const double from = reference_;
   reference_ = std::clamp(goal_, reference_ - kDt * speed_, reference_ + kDt * speed_);
   reference_ = std::clamp(reference_, x - reach, x + reach);

@@ -45,6 +45,7 @@ class Gripper {
   bool gripping_ = false;    // a grasp has ended well
   double goal_;              // of the reference, m for each finger
   double reference_;         // m for each finger
+  double reach_ = 0;         // m that it may be from the fingers
   double speed_ = 0;         // of the reference, m/s
   double force_;             // bound, N
   double temperature_;       // °C

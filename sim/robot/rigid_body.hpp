@@ -8,6 +8,8 @@ struct RigidBody {
   double mass = 0;                                       // kg
   Eigen::Vector3d com = Eigen::Vector3d::Zero();         // m
   Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();     // about com; kg m²
+
+  bool operator==(const RigidBody&) const = default;
 };
 
 // Two bodies that are fixed to one another, both in the same frame.

@@ -59,6 +59,14 @@ class Robot {
     return fci::Status::kSuccess;
   }
 
+  const Settings& settings() const { return settings_; }
+  // Those that clients have made of another moment of this robot.
+  void keep(const Settings& settings) {
+    if (settings == settings_) return;
+    settings_ = settings;
+    configure();
+  }
+
   // --- people at the robot ------------------------------------------------------------------------------------
 
   // The external activation device. Pressed, it stops the arm, and a motion ends with kEmergencyAborted; let go, it has
@@ -72,7 +80,9 @@ class Robot {
   // The guiding buttons at the hand. They take effect while the user stop is pressed and once the arm rests, as on the robot.
   void guide(bool pressed);
   // What is set up in the robot's own user interface: cuboids that the arm must not enter, by a number of theirs.
-  void set_virtual_wall(int id, const VirtualWall& wall) { checks_.walls().set(id, wall); }
+  void set_virtual_wall(int id, const VirtualWall& wall) {
+    checks_.set_wall(id, wall, external() ? model_ : generator_.model());
+  }
   VirtualWall virtual_wall(int id) const { return checks_.walls().get(id); }
   // Raises an error as if there were reason to.
   void inject(fci::Error error);

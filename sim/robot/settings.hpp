@@ -20,6 +20,7 @@ struct Settings {
   Eigen::Matrix4d F_T_NE;
 
   Eigen::Matrix4d F_T_EE() const;
+  bool operator==(const Settings&) const = default;
 
   // Whether the robot takes what is asked for; NaN it never does.
   static bool valid(const fci::SetCollisionBehavior& request);

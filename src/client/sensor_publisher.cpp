@@ -19,6 +19,7 @@ namespace {
 namespace proto = frankapy::proto;
 
 constexpr std::size_t kMaxTopicName = 256;  // bytes
+constexpr std::size_t kMaxMessage = (1 << 16) - 64;  // bytes; a longer one would end its connection (src/server/sensor_hub.cpp)
 constexpr int kSilence = 3000;              // ms without an answer after which a server is taken for none
 constexpr int kLinger = 1000;               // ms that an ending program waits for what it has just published
 constexpr int kSendQueue = 10'000;          // messages
@@ -139,7 +140,12 @@ void SensorPublisher::publish(const google::protobuf::Message& message) {
   envelope.set_sent_ns(std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count());
   envelope.set_way_ns(way_ns_);
   envelope.mutable_message()->PackFrom(*checked);
-  if (!socket_->push.send(zmq::buffer(envelope.SerializeAsString()), zmq::send_flags::dontwait)) {
+  const std::string bytes = envelope.SerializeAsString();
+  if (bytes.size() > kMaxMessage) {
+    throw std::invalid_argument(checked->GetDescriptor()->name() + " has " + std::to_string(bytes.size()) +
+                                " bytes with its envelope: expected at most " + std::to_string(kMaxMessage) + ". Send less at a time");
+  }
+  if (!socket_->push.send(zmq::buffer(bytes), zmq::send_flags::dontwait)) {
     throw std::runtime_error("the server takes no sensor messages: is it still there?");
   }
 }

@@ -42,7 +42,7 @@ constexpr double kLeap = 0.2;
 constexpr double kFadeTime = 0.1;       // s in which a difference of torque fades away, at least
 constexpr double kFadePerTorque = 0.3;  // s more, where it is more than a joint can give: for each time of that
 constexpr double kLongestFade = 5;      // s
-constexpr double kEffortDecay = 0.98;    // a cycle, of what is exerted beside a motion that is braked
+constexpr double kEffortDecay = 0.98;    // a cycle, of what was exerted beside a motion and no longer is
 
 std::int64_t now_ns() {
   timespec now;
@@ -393,9 +393,7 @@ void Loop::generate_reference() noexcept {
     held_by_ |= when(skill_->trajectory->limited(), HeldBy::kMotionLimits);
     trajectory_over_ &= !rejoin_.active() && (!held_back_ || gate_.stuck());  // not before the reference is there as well
     trajectory_over_ |= gate_.stuck() && has_end(*skill_);       // which is as far as it goes
-    reference_.wrench = wanted_.wrench;
-    reference_.torque = wanted_.torque;
-    if (!is_finite(wanted_)) watch_.not_finite(PartWatch::kTrajectory, skill_->numbers.trajectory);
+    exert();
     if (watch_.at_fault()) stop_running(Ending::kComponentFault);
   } else {
     cycle_.time += cycle_.dt;
@@ -412,6 +410,14 @@ void Loop::generate_reference() noexcept {
       reference_.torque *= kEffortDecay;
     }
   }
+}
+
+// What the trajectory exerts beside its motion; what the one before it has exerted fades away.
+void Loop::exert() noexcept {
+  if (!is_finite(wanted_)) return watch_.not_finite(PartWatch::kTrajectory, skill_->numbers.trajectory);
+  const Channels fills = skill_->trajectory->fills();
+  reference_.wrench = has(fills, Channels::kWrench) ? wanted_.wrench : Vector6(kEffortDecay * reference_.wrench);
+  reference_.torque = has(fills, Channels::kTorque) ? wanted_.torque : Vector7(kEffortDecay * reference_.torque);
 }
 
 // One cycle on along the path: slower where the reference has fallen behind it, as the limits are in the way, and where the arm
@@ -809,7 +815,7 @@ void Loop::change_parts() noexcept {
       skill_->numbers.controller = change->numbers.controller;
     }
     if (change->controller || moves_on) start_controller(false);
-    if (moves_on) gate_.reset(reference_);
+    if (moves_on || change->trajectory) gate_.reset(reference_);
     if (change->trajectory) {
       std::swap(skill_->trajectory, change->trajectory);
       skill_->numbers.trajectory = change->numbers.trajectory;
@@ -831,7 +837,7 @@ bool Loop::waits_for_start() const noexcept {
 
 void Loop::start_trajectory(double speed_before) noexcept {
   path_.start(skill_->speed);
-  trajectory_began_ = cycle_.time;
+  trajectory_began_ = waits_for_start() ? 0 : cycle_.time;
   trajectory_over_ = held_back_ = false;
   slowed_ = 0;
   waited_ = false;
@@ -871,8 +877,10 @@ void Loop::take_over() noexcept {
   }
   go_on_from_arm();
   robot_->pass(static_cast<int>(ticks_), gate_.limiter(), reference_);
+  const bool strayed = robot_->has_reference() && ticks_ > 1;
   change_motion(motion_of(next_->trajectory->fills()));
   start_skill();
+  if (strayed) gate_.strayed();
   ticks_ = 1;
   skill_time_ = kTick - cycle_.dt;
 }
@@ -958,6 +966,7 @@ void Loop::begin_motion() noexcept {
   faulty_ = stop_sent_ = false;
   held_.setZero();
   ticks_ = 1;
+  cycle_.dt = kTick;  // whatever was lost before it
   cycle_.dq_ref.setZero();  // it may be that of a motion which has failed
   gate_.place(cycle_.q);
   gate_.walls().begin();

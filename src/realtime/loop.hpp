@@ -53,6 +53,7 @@ class Loop {
   void prepare_motion() noexcept;
   void feel_contact() noexcept;
   void generate_reference() noexcept;
+  void exert() noexcept;
   void pace_path() noexcept;
   bool arm_is_ours() const noexcept;
   Vector7 lead(const Reference& reference) const noexcept;

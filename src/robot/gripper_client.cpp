@@ -16,6 +16,7 @@ using namespace std::chrono_literals;
 namespace gripper = fci::gripper;
 
 constexpr auto kStateAge = 1s;
+constexpr double kStill = 1e-4;       // m, by which the width of fingers that rest may vary
 constexpr double kLongestWay = 0.1;  // m, of the width
 constexpr std::size_t kStatusSize = sizeof(std::uint16_t);
 constexpr std::size_t kMaxResponse = 4096;  // bytes: above this it is garbage
@@ -106,7 +107,11 @@ GripperClient::Outcome GripperClient::call(const Request& request, std::chrono::
     lose(error.what());
   }
   lock.lock();
-  const bool over = answered_.wait_until(lock, deadline, [&] { return call.outcome || cancelled_ || !lost_.empty(); });
+  bool over = false, is_late = false;
+  for (auto until = deadline; !over && !is_late; until = moved_ + times_.answer) {
+    over = answered_.wait_until(lock, until, [&] { return call.outcome || cancelled_ || !lost_.empty(); });
+    is_late = moved_ + times_.answer < Clock::now();
+  }
   std::erase(waiting_, &call);
   if (!over) return Outcome::kSilent;
   return call.outcome.value_or(cancelled_ ? Outcome::kCancelled : Outcome::kLost);
@@ -165,6 +170,10 @@ void GripperClient::read_udp() {
   if (state_ && state.message_id <= state_->message_id) return;
   state_ = state;
   state_time_ = Clock::now();
+  if (std::abs(state.width - moved_to_) > kStill) {
+    moved_ = state_time_;
+    moved_to_ = state.width;
+  }
 }
 
 bool GripperClient::read_tcp() {

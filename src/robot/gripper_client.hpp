@@ -17,7 +17,7 @@ namespace robot {
 // What a client of the hand waits for at most.
 struct GripperTimes {
   std::chrono::milliseconds connect{2000};  // and for the hand to take a request
-  std::chrono::milliseconds answer{5000};   // beside the time that the fingers need
+  std::chrono::milliseconds answer{5000};   // beside the time that the fingers need, and after they were last seen to move
   std::chrono::milliseconds homing{30000};  // for the fingers to find their ends
 };
 
@@ -79,7 +79,8 @@ class GripperClient {
   std::uint32_t next_id_ = 1;  // 0 was Connect
   std::vector<Call*> waiting_;
   std::optional<fci::gripper::State> state_;
-  Clock::time_point state_time_;
+  Clock::time_point state_time_, moved_;  // moved_: when the fingers were last seen to move, by more than noise
+  double moved_to_ = 0;                   // m, their width then
   bool cancelled_ = false;
   std::string lost_;
 

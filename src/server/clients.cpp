@@ -65,7 +65,7 @@ void Clients::take_lease(const Address& from) {
 
 bool Clients::expire_lease() {
   if (commander_.empty()) return false;
-  if (!is_silent(commander_)) return false;
+  if (!is_silent(commander_, lease_time_)) return false;
   if (const auto holder = clients_.find(commander_); holder != clients_.end()) {
     spdlog::info("{} is silent: the arm is free", holder->second.name);
   }
@@ -73,9 +73,9 @@ bool Clients::expire_lease() {
   return true;
 }
 
-bool Clients::is_silent(const std::string& client) const {
+bool Clients::is_silent(const std::string& client, std::chrono::milliseconds time) const {
   const auto known = clients_.find(client);
-  return known == clients_.end() || now_ - known->second.last_heard >= lease_time_;
+  return known == clients_.end() || now_ - known->second.last_heard >= time;
 }
 
 void Clients::describe(proto::ServerStatus& status) const {

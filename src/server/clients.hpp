@@ -45,7 +45,7 @@ class Clients {
   // Whether the one that had it has lost it by its silence.
   bool expire_lease();
   // Whether it has gone, or been silent for as long.
-  bool is_silent(const std::string& client) const;
+  bool is_silent(const std::string& client, std::chrono::milliseconds time) const;
 
   void describe(frankapy::proto::ServerStatus& status) const;
 

@@ -45,9 +45,8 @@ void check(const proto::Limits& limits, const proto::Limits& most, const char* w
     const double given = reflection.GetDouble(limits, field), allowed = reflection.GetDouble(most, field);
     const auto& rule = field->options().GetExtension(proto::rule);
     if (given <= allowed) continue;
-    throw Refused(proto::Error::INVALID_ARGUMENT,
-                  fmt::format("Limits.{} is {:g} {}: expected {:g} to {:g}, {}", field->name(), given, rule.unit(), rule.min(), allowed,
-                              whose));
+    refuse(fmt::format("Limits.{} is {:g} {}: expected {:g} to {:g}, {}", field->name(), given, rule.unit(), rule.min(), allowed,
+                       whose));
   }
 }
 

@@ -19,7 +19,6 @@
 namespace server {
 namespace {
 
-constexpr std::chrono::seconds kLoadTime{20};  // for all of them
 
 template <class Function>
 Function* symbol(void* library, const std::string& path, const char* name) {

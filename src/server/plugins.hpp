@@ -1,10 +1,13 @@
 #pragma once
 
+#include <chrono>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 namespace server {
+
+constexpr std::chrono::seconds kLoadTime{20};  // for all libraries
 
 // One line that names the library.
 class PluginError : public std::runtime_error {

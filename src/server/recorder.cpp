@@ -244,7 +244,7 @@ void Recorder::start(const Recording::Options& options) {
     running_ = std::make_unique<Recording>(box_, folder_.new_file(what), options, about(arm_, what));
     started_ = Clock::now();
     const std::lock_guard lock(mutex_);
-    status_.clear_error();
+    if (!asked_for_) status_.clear_error();  // else who asked is to know
   } catch (const std::system_error& error) {
     give_up(running_, error.what());
   }

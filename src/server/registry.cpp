@@ -36,19 +36,17 @@ std::unique_ptr<Base> make(const std::vector<Kind<Base>>& kinds, const std::stri
       const InPart in_part(number_of(name));
       return each.make(any, arm);
     } catch (const wire::Invalid& error) {
-      throw Refused(proto::Error::INVALID_ARGUMENT, error.what());
+      refuse(error.what());
     } catch (const Refused&) {
       throw;
     } catch (const std::exception& error) {
-      throw Refused(proto::Error::INVALID_ARGUMENT, name + ": " + error.what());
+      refuse(name + ": " + error.what());
     } catch (...) {  // a part of somebody's own may throw anything
-      throw Refused(proto::Error::INVALID_ARGUMENT,
-                    name + " threw what is no std::exception as it was made: its constructor may throw std::invalid_argument");
+      refuse(name + " threw what is no std::exception as it was made: its constructor may throw std::invalid_argument");
     }
   }
-  throw Refused(proto::Error::INVALID_ARGUMENT,
-                fmt::format("{} is no {} that this server knows; known are {}. Is the client newer than the server?",
-                            name.empty() ? "\"" + any.type_url() + "\"" : name, what, fmt::join(names(kinds), ", ")));
+  refuse(fmt::format("{} is no {} that this server knows; known are {}. Is the client newer than the server?",
+                     name.empty() ? "\"" + any.type_url() + "\"" : name, what, fmt::join(names(kinds), ", ")));
 }
 
 // Those of which `fits` is true when they are made of their defaults.
@@ -74,7 +72,7 @@ int count(const Any& any, int depth) {
   proto::AnyOf composite;  // AllOf has the same fields
   const std::string name = kind_of(any);
   if (name != "AnyOf" && name != "AllOf") return 1;
-  if (depth == 0) throw Refused(proto::Error::INVALID_ARGUMENT, fmt::format("{} is nested more than {} deep", name, kMaxDepth));
+  if (depth == 0) refuse(fmt::format("{} is nested more than {} deep", name, kMaxDepth));
   if (!composite.ParseFromString(any.value())) return 1;  // make() says so
   int sum = 1;
   for (const Any& each : composite.of()) sum += count(each, depth - 1);
@@ -100,8 +98,7 @@ std::unique_ptr<realtime::Controller> make_controller(const Any& any, const real
 }
 std::unique_ptr<realtime::Termination> make_termination(const Any& any, const realtime::Arm& arm) {
   if (const int number = count(any, kMaxDepth); number > kMostParts) {
-    throw Refused(proto::Error::INVALID_ARGUMENT, fmt::format("{} has {} terminations in it: expected at most {}",
-                                                              kind_of(any), number, kMostParts));
+    refuse(fmt::format("{} has {} terminations in it: expected at most {}", kind_of(any), number, kMostParts));
   }
   return make(terminations(), "termination", any, arm);
 }

@@ -29,12 +29,11 @@ void check_self_collision(const ArmCapsules& arm, std::span<const realtime::Vect
     const auto found = realtime::comes_nearer(arm, way[0], way[k], realtime::kSelfClearance, kNearing);
     if (!found) continue;
     const bool goal = k + 1 == way.size();
-    throw Refused(frankapy::proto::Error::INVALID_ARGUMENT,
-                  fmt::format("{}: {} would come within {:.0f} mm of {} of the arm itself {}: motions keep {:.0f} mm, as the "
-                              "robot stops at {:.0f} mm from its own links. Choose another {}",
-                              what, name_of_link(found->links[1]), 1e3 * std::max(found->distance, 0.), name_of_link(found->links[0]),
-                              goal ? "at its goal" : fmt::format("at {:.0f} % of its way", 100. * k / (way.size() - 1)),
-                              1e3 * realtime::kSelfClearance, 1e3 * models::kCapsuleMargin, goal ? "goal" : "way, such as by a posture between"));
+    refuse(fmt::format("{}: {} would come within {:.0f} mm of {} of the arm itself {}: motions keep {:.0f} mm, as the "
+                       "robot stops at {:.0f} mm from its own links. Choose another {}",
+                       what, name_of_link(found->links[1]), 1e3 * std::max(found->distance, 0.), name_of_link(found->links[0]),
+                       goal ? "at its goal" : fmt::format("at {:.0f} % of its way", 100. * k / (way.size() - 1)),
+                       1e3 * realtime::kSelfClearance, 1e3 * models::kCapsuleMargin, goal ? "goal" : "way, such as by a posture between"));
   }
 }
 

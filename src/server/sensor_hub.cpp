@@ -55,15 +55,13 @@ void SensorHub::check(const Publishers& publishers, const Inputs& inputs) const 
   for (const auto& each : publishers) {
     const auto listens = [&](const auto& input) { return input->topic() == each.topic(); };
     if (std::none_of(inputs.begin(), inputs.end(), listens)) {
-      throw Refused(proto::Error::INVALID_ARGUMENT,
-                    fmt::format("Skill.publishers has the topic \"{}\": expected one that a part of the skill listens to",
-                                each.topic()));
+      server::refuse(fmt::format("Skill.publishers has the topic \"{}\": expected one that a part of the skill listens to",
+                                 each.topic()));
     }
     for (const std::string& name : each.names()) {
       if (keys_ != nullptr && keys_->knows_name(name)) continue;
-      throw Refused(proto::Error::INVALID_ARGUMENT,
-                    fmt::format("Skill.publishers has \"{}\" of the topic \"{}\": expected names of keys, and {}", name, each.topic(),
-                                keys_ == nullptr ? "this server has none" : "there is none of that name (`frankapy keys list`)"));
+      server::refuse(fmt::format("Skill.publishers has \"{}\" of the topic \"{}\": expected names of keys, and {}", name, each.topic(),
+                                 keys_ == nullptr ? "this server has none" : "there is none of that name (`frankapy keys list`)"));
     }
   }
 }
@@ -223,14 +221,16 @@ void SensorHub::forget_quietest_topic() {
 void SensorHub::look_for_silence() {
   const std::uint64_t now = robot_time_.load(std::memory_order_relaxed);
   const std::lock_guard lock(mutex_);
-  for (const Listener& listener : listeners_) {
+  for (Listener& listener : listeners_) {
     const auto found = topics_.find(listener.input->topic());
     if (found == topics_.end() || listener.longest_ns == 0 || listener.input->begun() == 0) continue;
-    Topic& topic = found->second;
-    const std::uint64_t since = std::max(topic.covered, listener.input->begun());
-    if (topic.silent || now < since || 1'000'000 * static_cast<std::int64_t>(now - since) <= listener.longest_ns) continue;
-    topic.silent = true;
-    topic.told.set_silences(topic.told.silences() + 1);
+    const std::uint64_t since = std::max(listener.covered, listener.input->begun());
+    if (listener.silent || now < since || 1'000'000 * static_cast<std::int64_t>(now - since) <= listener.longest_ns) continue;
+    for (Listener& each : listeners_) {  // parts of one skill
+      each.silent |= each.skill == listener.skill && each.input->topic() == listener.input->topic();
+    }
+    auto& told = found->second.told;
+    told.set_silences(told.silences() + 1);
     spdlog::warn("{}: nothing has come for {:.3f} s, the timeout of the part of skill {} that listens", found->first,
                  1e-9 * static_cast<double>(listener.longest_ns), listener.skill);
   }
@@ -282,7 +282,7 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
   }
   std::string expected, publishers;
   try {
-    for (const Listener& listener : listeners_) {
+    for (Listener& listener : listeners_) {
       realtime::SensorInput& input = *listener.input;
       if (!listens(listener)) continue;
       heard = true;
@@ -317,8 +317,8 @@ void SensorHub::deliver(Topic& topic, const proto::SensorMessage& message, std::
           continue;
         }
         sample.replaces = std::exchange(replaces, false);
-        topic.silent = false;
-        topic.covered = came + static_cast<std::uint64_t>(1e3 * sample.lead);
+        listener.silent = false;
+        listener.covered = came + static_cast<std::uint64_t>(1e3 * sample.lead);
         if (!input.put(sample)) topic.told.set_overrun(topic.told.overrun() + 1);
       }
     }

@@ -62,6 +62,8 @@ class SensorHub {
     std::int64_t longest_ns;  // that a message may take; 0: any time
     bool queued;
     std::optional<std::set<std::string>> publishers;  // names of keys; absent: there are no keys
+    std::uint64_t covered = 0;  // ms of the robot's time, until which what came last says what to do
+    bool silent = false;        // for longer after that than the timeout
   };
   struct Publisher {
     std::uint64_t sequence = 0;
@@ -75,8 +77,6 @@ class SensorHub {
     // Of each kind and each publisher's key: when the newest was sent, by our clock.
     std::map<std::string, std::map<std::string, std::int64_t>> newest_ns;
     bool stale = false;  // the newest was
-    std::uint64_t covered = 0;  // ms of the robot's time, until which what came last says what to do
-    bool silent = false;        // for longer after that than the timeout of a part that listens
   };
 
   void run();

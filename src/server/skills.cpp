@@ -117,12 +117,11 @@ Skills::Found Skills::find(const Address& from, const proto::StartSkill& start) 
   const std::uint64_t after = start.after();
   const auto ended = results_.find(after);
   if (after != 0 && start.preempt()) {
-    throw Refused(proto::Error::INVALID_ARGUMENT, "StartSkill has preempt and after: expected one of the two");
+    refuse("StartSkill has preempt and after: expected one of the two");
   }
   if (after != 0 && after != last && ended == results_.end()) {
-    throw Refused(proto::Error::INVALID_ARGUMENT,
-                  fmt::format("StartSkill.after = {}: expected the last skill of this client{}", after,
-                              last != 0 ? fmt::format(", {}", last) : ""));
+    refuse(fmt::format("StartSkill.after = {}: expected the last skill of this client{}", after,
+                       last != 0 ? fmt::format(", {}", last) : ""));
   }
   if (last != 0 && after != last && !start.preempt()) {
     throw Refused(proto::Error::BUSY, fmt::format("skill {} of this client still runs: wait for it, stop it, preempt it or "
@@ -197,15 +196,14 @@ proto::Skill Skills::changed(const Address& from, const proto::ChangeSkill& chan
   const realtime::Record now = require_state();
   const auto running = running_.find(change.skill_id());
   if (running == running_.end() || running->second.starter.client != from.client) {
-    throw Refused(proto::Error::INVALID_ARGUMENT,
-                  fmt::format("ChangeSkill.skill_id = {}: no skill of this client that runs", change.skill_id()));
+    refuse(fmt::format("ChangeSkill.skill_id = {}: no skill of this client that runs", change.skill_id()));
   }
   if (running->second.queued && now.skill_id < change.skill_id()) {
     throw Refused(proto::Error::NOT_READY,
                   fmt::format("skill {} waits behind another: it can be changed once it runs", change.skill_id()));
   }
   if (!change.has_trajectory() && !change.has_controller() && change.terminations().empty()) {
-    throw Refused(proto::Error::INVALID_ARGUMENT, "ChangeSkill changes nothing: expected trajectory, controller or terminations");
+    refuse("ChangeSkill changes nothing: expected trajectory, controller or terminations");
   }
   if (changing_) throw Refused(proto::Error::BUSY, "another change of this skill is on its way: wait for its answer");
   proto::Skill message = running->second.message;
@@ -223,8 +221,7 @@ void Skills::begin_change(Build& build) {
   const Running& running = running_.at(change.skill_id());
   realtime::Skill& skill = *build.skill;
   if (!(skill.settings == running.settings)) {
-    throw Refused(proto::Error::INVALID_ARGUMENT,
-                  "the robot takes other settings (its own stiffness) at rest only: preempt the skill instead");
+    refuse("the robot takes other settings (its own stiffness) at rest only: preempt the skill instead");
   }
   auto parts = std::make_unique<realtime::Change>();
   parts->skill_id = change.skill_id();
@@ -360,8 +357,7 @@ void Skills::tell_status(const Address& from, std::uint64_t id) {
   if (running_.contains(id)) return answers_.send_done(from);
   const auto result = results_.find(id);
   if (result == results_.end()) {
-    throw Refused(proto::Error::INVALID_ARGUMENT,
-                  fmt::format("SkillStatus.skill_id = {}: no such skill among the last {}", id, kMaxResults));
+    refuse(fmt::format("SkillStatus.skill_id = {}: no such skill among the last {}", id, kMaxResults));
   }
   proto::Reply reply;
   *reply.mutable_skill_result() = result->second;

@@ -22,7 +22,15 @@ constexpr std::size_t kSockets = 4;       // more than a program of ours binds
 
 }  // namespace
 
+void notice_the_gone(zmq::socket_t& socket) {
+  socket.set(zmq::sockopt::tcp_keepalive, 1);
+  socket.set(zmq::sockopt::tcp_keepalive_idle, 10);   // s of silence, after which it asks
+  socket.set(zmq::sockopt::tcp_keepalive_intvl, 5);   // s, and again
+  socket.set(zmq::sockopt::tcp_keepalive_cnt, 3);     // times, and takes the client for gone
+}
+
 std::string bind(zmq::socket_t& socket, const Listen& listen, std::uint16_t port) {
+  notice_the_gone(socket);
   if (listen.keys != nullptr) guard(socket, *listen.keys);
   try {
     socket.bind("tcp://" + listen.address + ":" + (port == 0 ? "*" : std::to_string(port)));

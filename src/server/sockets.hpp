@@ -21,6 +21,9 @@ struct Listen {
   const Keys* keys = nullptr;  // null: everybody who reaches it; else there is a Doorkeeper in the context
 };
 
+// Has a socket, before it is bound, notice clients whose computer or network is gone without a word.
+void notice_the_gone(zmq::socket_t& socket);
+
 // Binds to tcp://listen:port, or to a free port where `port` is 0 or taken; returns the endpoint.
 std::string bind(zmq::socket_t& socket, const Listen& listen, std::uint16_t port);
 

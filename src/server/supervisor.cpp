@@ -22,11 +22,14 @@
 #include <zmq.hpp>
 
 #include "frankapy/proto/service.pb.h"
+#include "server/answers.hpp"
 #include "server/arm_process.hpp"
 #include "server/black_box.hpp"
 #include "server/doorkeeper.hpp"
 #include "server/ending_signals.hpp"
+#include "server/inbox.hpp"
 #include "server/part_record.hpp"
+#include "server/plugins.hpp"
 #include "server/recorder.hpp"
 #include "server/refused.hpp"
 #include "server/roles.hpp"
@@ -65,6 +68,7 @@ class Child {
   Child(const Config& config, int index, const std::string& toml, const std::vector<std::string>& arguments,
         const SupervisorTimes& times)
       : times_(times),
+        first_word_(times.first_word + (config.load.empty() ? 0s : kLoadTime)),
         index_(index),
         listen_(config.listen),
         recordings_(config.recordings),
@@ -102,7 +106,7 @@ class Child {
   void look_after(bool stopping) {
     now_ = clock_.now();
     if (pid_ > 0) listen_to();
-    if (pid_ > 0 && !stopping && now_ - heard_ > (spoken_ ? times_.silence : times_.first_word)) {
+    if (pid_ > 0 && !stopping && now_ - heard_ > (spoken_ ? times_.silence : first_word_)) {
       spdlog::error("arm {}: its process hangs{} and is started again", info_.name(), record_->where());
       end(SIGKILL);
     }
@@ -239,6 +243,7 @@ class Child {
   }
 
   const SupervisorTimes times_;
+  const std::chrono::milliseconds first_word_;
   const int index_;
   const std::string& listen_;
   const RecordingsConfig& recordings_;
@@ -264,7 +269,7 @@ class Supervisor {
  public:
   Supervisor(const Config& config, const std::string& toml, const std::vector<std::string>& arguments, Keys* keys,
              const SupervisorTimes& times)
-      : times_(times), keys_(keys), socket_(context_, zmq::socket_type::router) {
+      : times_(times), socket_(context_, zmq::socket_type::router), inbox_(socket_, keys), answers_(socket_) {
     if (keys != nullptr) {
       doorkeeper_.emplace(context_, *keys);
       guard(socket_, *keys);
@@ -272,6 +277,7 @@ class Supervisor {
     }
     socket_.set(zmq::sockopt::linger, 0);
     socket_.set(zmq::sockopt::maxmsgsize, kMaxRequest);
+    notice_the_gone(socket_);
     try {
       socket_.bind(fmt::format("tcp://{}:{}", config.listen, config.port == 0 ? "*" : std::to_string(config.port)));
     } catch (const zmq::error_t& error) {
@@ -328,49 +334,38 @@ class Supervisor {
  private:
   void answer() {
     constexpr int kAtOnce = 32;  // and then it looks after the arms again
-    zmq::message_t identity, frame;
-    for (int n = 0; n < kAtOnce && socket_.recv(identity, zmq::recv_flags::dontwait); ++n) {
-      int frames = 0;
-      for (bool more = identity.more(); more; ++frames) {
-        zmq::message_t next;
-        if (!socket_.recv(next)) return;
-        more = next.more();
-        frame = std::move(next);
-      }
+    for (int n = 0; n < kAtOnce; ++n) {
+      const auto arrived = inbox_.receive();
+      if (!arrived) return;
+      const zmq::message_t& frame = arrived->frame;
       proto::Request request;
-      if (frames != 1 || !request.ParsePartialFromArray(frame.data(), static_cast<int>(frame.size())) ||
-          !request.has_request_id()) {
-        continue;  // garbage
+      if (!request.ParsePartialFromArray(frame.data(), static_cast<int>(frame.size())) || !request.has_request_id()) {
+        inbox_.count_garbage(fmt::format("{} bytes that are no Request with a request_id", frame.size()));
+        continue;
       }
-      proto::Reply reply;
-      reply.set_request_id(request.request_id());
+      const Address from{arrived->client, request.request_id(), arrived->who};
       try {
-        require_role(sender_of(frame, keys_), request);  // a key may have been removed since it connected
+        require_role(from.who, request);  // a key may have been removed since it connected
         if (!request.has_list_arms()) {
-          throw Refused(proto::Error::INVALID_ARGUMENT, "this is the supervisor, which answers ListArms: everything else is for the "
-                                                        "arm's own endpoint");
+          refuse("this is the supervisor, which answers ListArms: everything else is for the arm's own endpoint");
         }
+        proto::Reply reply;
         for (const auto& child : children_) *reply.mutable_arms()->add_arms() = child->info();
         reply.mutable_arms()->set_version(proto::CURRENT);
         if (doorkeeper_) reply.mutable_arms()->set_refused_keys(doorkeeper_->refused());
-      } catch (const Refused& refused) {
-        reply.mutable_error()->set_code(refused.code);
-        reply.mutable_error()->set_message(refused.what());
-      }
-      try {
-        socket_.send(identity, zmq::send_flags::sndmore | zmq::send_flags::dontwait);
-        socket_.send(zmq::buffer(reply.SerializeAsString()), zmq::send_flags::dontwait);
-      } catch (const zmq::error_t&) {
-        // The client is gone.
+        answers_.send(from, reply);
+      } catch (...) {
+        answers_.refuse(from, std::current_exception());
       }
     }
   }
 
   const SupervisorTimes times_;
-  const Keys* const keys_;
   zmq::context_t context_;
   std::optional<Doorkeeper> doorkeeper_;
   zmq::socket_t socket_;
+  Inbox inbox_;
+  Answers answers_;
   std::optional<ConnectionLimit> connections_;
   std::vector<std::unique_ptr<Child>> children_;
 };

@@ -11,7 +11,7 @@ namespace server {
 // What the supervisor waits for of an arm's process.
 struct SupervisorTimes {
   std::chrono::milliseconds silence{1000};      // of one that was heard before: it hangs
-  std::chrono::milliseconds first_word{10000};  // of a new one
+  std::chrono::milliseconds first_word{10000};  // of a new one, when its libraries are loaded
   std::chrono::milliseconds short_life{1000};   // one that ends sooner is started again so long after it was
   std::chrono::milliseconds stop{6000};         // to brake, finish and end
 };

@@ -26,6 +26,7 @@ constexpr std::int64_t kMaxMessage = (8 << 20) + kCurve;  // more than two minut
 constexpr int kMessagesPerRound = 32;
 constexpr int kMessagesAhead = 64;                         // taken from a client's connection before they are looked at
 constexpr auto kHandlingTime = std::chrono::microseconds(200);  // then it is looked again for what is urgent
+constexpr auto kRecordingTime = std::chrono::seconds(4);  // of silence: a client that is alive has met this process anew by then
 constexpr auto kBusyWait = std::chrono::milliseconds(1);
 constexpr auto kIdleWait = std::chrono::milliseconds(20);
 
@@ -189,10 +190,8 @@ void Transport::read_on_workbench(Arrived arrived) {
         from,
         [read] {
           if (!read->request.ParsePartialFromArray(read->frame.data(), static_cast<int>(read->frame.size()))) {
-            throw Refused(proto::Error::INVALID_ARGUMENT,
-                          fmt::format("{} bytes that cannot be read as a Request: expected one message of service.proto in one "
-                                      "frame",
-                                      read->frame.size()));
+            refuse(fmt::format("{} bytes that cannot be read as a Request: expected one message of service.proto in one frame",
+                               read->frame.size()));
           }
           wire::validate(read->request);
         },
@@ -224,11 +223,11 @@ void Transport::answer(const Address& from, proto::Request& request, std::uint64
     case proto::Request::kAlive: return answers_.send_done(from);
     case proto::Request::kGoodbye: return goodbye(from);
     case proto::Request::kListArms:
-      throw Refused(proto::Error::INVALID_ARGUMENT, "Request.list_arms is for the supervisor: this is one arm's process");
+      refuse("Request.list_arms is for the supervisor: this is one arm's process");
     case proto::Request::kHello:
     case proto::Request::CALL_NOT_SET: break;
   }
-  throw Refused(proto::Error::INVALID_ARGUMENT, "Request.call is missing: expected one of service.proto's calls");
+  refuse("Request.call is missing: expected one of service.proto's calls");
 }
 
 void Transport::hello(const Address& from, const proto::Request& request) {
@@ -290,7 +289,7 @@ void Transport::record(const Address& from, const proto::Record& record) {
 
 // A client that was killed does not say that it is enough.
 void Transport::record_for_those_there() {
-  if (std::erase_if(recording_for_, [this](const std::string& client) { return clients_.is_silent(client); }) == 0) return;
+  if (std::erase_if(recording_for_, [this](const std::string& client) { return clients_.is_silent(client, kRecordingTime); }) == 0) return;
   if (!recording_for_.empty()) return;
   proto::Record enough;
   enough.set_on(false);
@@ -346,7 +345,7 @@ void Transport::start_gripper(const Address& from, const proto::GripperCommand& 
   const bool stop = command.has_stop();  // from every client, as StopSkill
   if (!stop) clients_.require_lease(from);
   if (command.command_case() == proto::GripperCommand::COMMAND_NOT_SET) {
-    throw Refused(proto::Error::INVALID_ARGUMENT, "GripperCommand.command is missing: expected homing, move, grasp or stop");
+    refuse("GripperCommand.command is missing: expected homing, move, grasp or stop");
   }
   if (gripper_ == nullptr) {
     throw Refused(proto::Error::NOT_READY, "this arm is configured without a gripper: set gripper = true");

@@ -25,6 +25,7 @@ class ScriptedServer:
         self.not_taken = proto.NotTaken()
         self.topics: list[proto.Topics.Topic] = []
         self.forgets_clients = False
+        self.recovers = True  # and says so
         self.refusals: list[proto.Error] = []  # one for each of the next StartSkill
         self.phase = proto.READY
         self.tool = (0.0, 0.0, 0.1034)  # on the flange, m
@@ -109,6 +110,8 @@ class ScriptedServer:
             self._skills += 1
             self._running.append((time.monotonic() + self.skill_time, identity, number, self._skills))
             self._send(identity, number, skill_started=proto.SkillStarted(skill_id=self._skills))
+        elif kind == "recover" and not self.recovers:
+            pass
         elif kind == "recover":
             self.phase = proto.READY
             self._send(identity, number, recovery=proto.Recovery(recovered=True))

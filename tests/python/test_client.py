@@ -347,6 +347,21 @@ def test_a_forked_child_makes_a_connection_of_its_own(server, arm):
     assert list(arm.get_joints()) == HOME
 
 
+def test_a_forked_child_waits_for_no_thread_of_its_parent(server, arm):
+    server.withholds = {"skill_started"}
+    thread = threading.Thread(target=arm.goto_joints, args=(HOME, 1))
+    thread.start()
+    wait_until(lambda: server.calls("start_skill"))
+
+    def check() -> bool:
+        arm._connection.start(proto.Request(check_skill=proto.CheckSkill()))
+        return True
+
+    assert in_child(check) == 0
+    server.withholds = set()
+    thread.join()
+
+
 def test_a_forked_child_may_wait_for_the_motion_of_its_parent(server, arm):
     server.skill_time = 30
     arm.goto_joints(HOME, 1, block=False)
@@ -489,6 +504,17 @@ def test_a_handler_of_the_scripts_own_stops_a_skill_that_has_not_been_confirmed_
     server.withholds = set()
     output, _ = child.communicate(timeout=300)
     assert "interrupted" in output
+
+
+@pytest.mark.parametrize("call", ["recover()", f"goto_joints({HOME}, 1)"])
+def test_a_signal_stops_what_moves_the_arm_to_recover_it(server, script, call):
+    server.recovers, server.phase = False, proto.ERROR
+    error = proto.Error(code=proto.Error.NOT_READY, message="the arm is in error")
+    server.refusals = [error]
+    child = script(call, first="arm.recovery = 'itself'")
+    wait_until(lambda: server.calls("recover"))
+    child.send_signal(signal.SIGINT)
+    wait_until(lambda: server.calls("stop_skill"))
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=["Ctrl-C", "SIGHUP"])

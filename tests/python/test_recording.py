@@ -360,6 +360,18 @@ def test_a_client_that_dies_in_the_middle_is_worth_it(tmp_path):
     assert recording.states["phase"][-1] == proto.RUNNING
 
 
+def test_a_recording_inside_of_another_is_a_part_of_it(ideal_arm):
+    with ideal_arm.client() as fa:
+        with fa.recording():
+            with fa.recording() as inner:
+                pass
+            states = inner().states
+            deadline = time.monotonic() + 100
+            while inner().states == states:
+                assert time.monotonic() < deadline
+        assert not inner().open
+
+
 @pytest.mark.wall  # how much is missing at its end
 def test_a_server_that_is_killed_leaves_what_it_recorded(tmp_path):
     for attempt, wait in enumerate(random.Random(3).sample(range(300, 1500), 3)):

@@ -466,6 +466,22 @@ for i in itertools.count():
     assert fa.topics()["dies"].lost == 0
 
 
+def test_each_skill_is_told_that_nothing_comes(fa):
+    with fa.publisher("quiet") as publisher:
+        publisher.publish(proto.JointVelocitySensorMessage(joint_velocities=[0] * 7))
+        for silences in (1, 2):
+            fa.run(StreamJointVelocity("quiet", timeout=0.1), JointImpedance(), Time(500), block=False)
+            wait_for(fa, lambda silences=silences: fa.topics()["quiet"].silences >= silences)
+            fa.stop_skill()
+
+
+def test_a_message_that_is_too_long_is_refused_here(fa):
+    with fa.publisher("long") as publisher:
+        chunk = proto.JointChunk(times=np.arange(1000) * 1e-3, joints=np.tile(HOME, 1000))
+        with pytest.raises(FrankaArmArgumentError, match=r"JointChunk has \d+ bytes .* expected at most 65472"):
+            publisher.publish(chunk)
+
+
 # --- ends ------------------------------------------------------------------------------------------------------------
 
 

@@ -99,6 +99,30 @@ struct BrokenTrajectory : MinJerkJoint {
   }
 };
 
+struct ExertingTrajectory : MinJerkJoint {
+  using MinJerkJoint::MinJerkJoint;
+  Channels fills() const noexcept override { return Channels::kJoint | Channels::kTorque; }
+  bool step(const Cycle& cycle, double time, Reference& reference) noexcept override {
+    reference.torque.setConstant(2);
+    return MinJerkJoint::step(cycle, time, reference);
+  }
+};
+// Begins with its velocity.
+struct LinearTrajectory : MinJerkJoint {
+  using MinJerkJoint::MinJerkJoint;
+  Vector7 from;
+  void start(const Reference& reference) noexcept override {
+    MinJerkJoint::start(reference);
+    from = reference.joint.q;
+  }
+  bool step(const Cycle&, double time, Reference& reference) noexcept override {
+    const Vector7 way = goal().joint.q - from;
+    const double part = std::min(time / duration(), 1.);
+    reference.joint = {from + part * way, way / duration() * (part < 1), Vector7::Zero()};
+    return part == 1;
+  }
+};
+
 // Looks whether the cycle is that of the arm.
 struct SeesTheArm : MinJerkJoint {
   using MinJerkJoint::MinJerkJoint;
@@ -1283,6 +1307,22 @@ TEST_F(LoopTest, TorqueIsContinuousWhenTheControllerChanges) {
   EXPECT_EQ(robot.uncommanded, 0);
 }
 
+TEST_F(LoopTest, WhatATrajectoryHasExertedFadesBesideTheNext) {
+  give(std::make_unique<ExertingTrajectory>(MinJerkJoint::Parameters{robot.q(), 5}, robot.limits),
+       std::make_unique<JointImpedance>(gains()));
+  ASSERT_TRUE(until([&] { return last.skill_time > 0.5; }));
+  EXPECT_EQ(last.reference.torque[0], 2);
+  give_torque(0.05, 0.5);
+  double torque = 2;
+  ASSERT_TRUE(cycle());
+  ASSERT_EQ(last.skill_id, 2u);
+  for (; last.skill_time < 0.4; cycle()) {
+    EXPECT_LE(std::abs(last.reference.torque[0] - torque), 0.05);
+    torque = last.reference.torque[0];
+  }
+  EXPECT_LT(torque, 0.01);
+}
+
 TEST_F(LoopTest, ReferencesOfBothKindsShareATorqueMotion) {
   give_torque(0.1, 0.5);
   ASSERT_TRUE(until([&] { return last.skill_time > 0.25; }));
@@ -1649,6 +1689,26 @@ TEST_F(LoopTest, WhoSeeksAGoalThatAWallIsInTheWayOfEndsBeforeIt) {
   EXPECT_EQ(results[0].ending, Ending::kTerminated);
   EXPECT_EQ(results[0].termination, -1) << "which has not fired";
   EXPECT_GT(results[0].left.joints.value_or(0), 0.1);
+}
+
+TEST_F(LoopTest, WhatIsInTheWayOfATrajectoryIsNoEndOfTheOneThatItIsChangedFor) {
+  auto walls = std::make_unique<Walls>(Walls{ArmCapsules(models::arm("fr3"), true), {}});
+  walls->walls.push_back({1, testing_tools::plane({0, 0.25, 0}, -Vector3::UnitY())});
+  door.walls.put(std::move(walls));
+  const Vector7 home = robot.q();
+  const MinJerkJoint::Parameters there{home + Vector7::Unit(0), 2};
+  const std::uint64_t id = give(std::make_unique<OddTrajectory>(there, robot.limits, OddTrajectory::kNeverEnds), std::make_unique<Internal>());
+  cycles(5000);
+  ASSERT_EQ(results_seen, 0u);
+  ASSERT_GT(robot.q()[0] - home[0], 0.1);
+  auto change = std::make_unique<Change>();
+  change->skill_id = id;
+  change->trajectory = std::make_unique<LinearTrajectory>(MinJerkJoint::Parameters{home, 2}, robot.limits);
+  change->changes_terminations = true;
+  change->terminations.push_back(std::make_unique<FinalJoint>(FinalJoint::Parameters{Vector7::Constant(1e-3)}));
+  door.change.put(std::move(change));
+  cycles(100);
+  EXPECT_EQ(results_seen, 0u);
 }
 
 TEST_F(LoopTest, APathThatIsFasterThanTheJointsIsWaitedFor) {

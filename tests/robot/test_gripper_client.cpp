@@ -151,6 +151,21 @@ TEST_F(Gripper, AHandThatGivesNoAnswerEndsTheCallAndNothingElse) {
   EXPECT_EQ(outcome([&] { return client->homing(); }, gripper::Command::kHoming, Status::kSuccess), Outcome::kSuccess);
 }
 
+using WallTimeGripper = Gripper;
+
+// That of a simulated arm which is slower than time is.
+TEST_F(WallTimeGripper, AHandThatMovesIsWaitedFor) {
+  connect({.connect = 20s, .answer = 300ms});
+  auto moving = std::async(std::launch::async, [&] { return client->move(0.08, 10); });
+  const auto request = hand.request();
+  for (std::uint32_t i = 1; i <= 100; ++i) {
+    hand.send_state({i, 2e-4 * i, 0.08, false, 31});
+    std::this_thread::sleep_for(10ms);
+  }
+  hand.answer(request.header, gripper::Response{gripper::Status::kSuccess});
+  EXPECT_EQ(moving.get(), Outcome::kSuccess);
+}
+
 TEST_F(Gripper, ALostConnectionEndsAWaitingCall) {
   auto moving = std::async(std::launch::async, [&] { return client->move(0.08, 0.01); });
   hand.request();

@@ -206,6 +206,17 @@ TEST(Gripper, PressesHardUntilItIsWarm) {
   for (int i = 0; i < 1000 * 3600; ++i) ASSERT_GT(-patient.control(held)[1], i < 1000 ? -1 : 69.9);
 }
 
+TEST(Gripper, LetsNothingGoWhereItHoldsItLessStrongly) {
+  const std::array<double, 2> held = {0.02, 0.02};
+  for (const double less : {20., 55.}) {
+    sim::Gripper gripper(held);
+    gripper.grasp({0.04, 0.005, 0.005, 0.1, 60});
+    for (int i = 0; i < 2000; ++i) gripper.control(held);
+    gripper.grasp({0.04, 0.005, 0.005, 0.1, less});
+    for (int i = 0; i < 1000; ++i) ASSERT_NEAR(-gripper.control(held)[0], less, 0.1) << i;
+  }
+}
+
 // Fingers of rubber on plastic: held with 10 N from both sides, what weighs 4 kg is not lifted.
 TEST(Gripper, LosesWhatIsPulledOutOfIt) {
   const sim::SceneFile scene(R"(<mujoco><worldbody>

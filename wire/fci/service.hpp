@@ -326,6 +326,7 @@ struct SetGuidingMode {
   static constexpr Command kCommand = Command::kSetGuidingMode;
   std::array<bool, 6> guiding_mode{};
   bool nullspace = false;
+  bool operator==(const SetGuidingMode&) const = default;
 };
 template <class V, class Self>
   requires std::is_same_v<std::remove_const_t<Self>, SetGuidingMode>
@@ -405,6 +406,7 @@ struct SetFilters {
   double cartesian_position_filter_frequency = 1000;
   double cartesian_velocity_filter_frequency = 1000;
   double controller_filter_frequency = 1000;
+  bool operator==(const SetFilters&) const = default;
 };
 template <class V, class Self>
   requires std::is_same_v<std::remove_const_t<Self>, SetFilters>
