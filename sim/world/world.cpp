@@ -108,7 +108,6 @@ void World::Impl::wake() {
   for (int body = 1; body < model->nbody; ++body) data->xfrc_applied[6 * body] = std::numeric_limits<double>::min();
   mj_step1(model, data.get());
   mju_zero(data->xfrc_applied, 6 * model->nbody);
-  std::fill_n(data->tree_asleep, model->ntree, -(1 + mjMINAWAKE));  // those that were awake count on where they were
 }
 
 Touch World::Impl::touch(int geom) const {

@@ -1709,6 +1709,11 @@ TEST_F(LoopTest, WhatIsInTheWayOfATrajectoryIsNoEndOfTheOneThatItIsChangedFor) {
   door.change.put(std::move(change));
   cycles(100);
   EXPECT_EQ(results_seen, 0u);
+  Change* const* changed = door.changed.front();
+  ASSERT_TRUE(changed != nullptr);
+  EXPECT_TRUE((*changed)->done);
+  delete *changed;
+  door.changed.pop();
 }
 
 TEST_F(LoopTest, APathThatIsFasterThanTheJointsIsWaitedFor) {

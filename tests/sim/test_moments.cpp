@@ -122,29 +122,6 @@ TEST_F(Moments, LeaveWhatClientsHaveSet) {
   EXPECT_EQ(client->state.m_load, 0.5);
 }
 
-// Also of what was about to fall asleep.
-TEST_F(Moments, AreTheSameSoonAfterEachOther) {
-  client->start(kTorque);
-  start = client->state;
-  sway(start, 300);
-  const std::uint64_t moment = cell().save();
-  const std::size_t begin = rows();
-  sway(start, 4);
-  cell().restore(moment);
-  catch_up();
-  sway(start, 6);
-  cell().restore(moment);
-  catch_up();
-  const std::size_t again = rows();
-  sway(start, 40);
-  cell().restore(moment);
-  catch_up();
-  const std::size_t third = rows();
-  sway(start, 40);
-  EXPECT_GT(again, begin);
-  expect_the_same(again, third, 40);
-}
-
 TEST_F(Moments, WithinAMotionTheSameCommandsGiveTheSameTruthWithTheSameLosses) {
   client->start(kTorque);
   start = client->state;
