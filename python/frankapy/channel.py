@@ -349,7 +349,7 @@ class Channel:
                 transmit(Call(alive))
             if unanswered_since is not None and now - unanswered_since > SILENCE + self._time_on_the_way():
                 reason = (
-                    f"The arm's process at {self.endpoint} has not answered for {SILENCE:.0f} s: has the server been "
+                    f"The arm's process at {self.endpoint} has not answered for {now - unanswered_since:.0f} s: has the server been "
                     f"stopped, or the network been cut? `frankapy status` tells what is there."
                 )
 

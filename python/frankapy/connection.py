@@ -321,7 +321,9 @@ class Connection:
                 return call
 
     def _start(self, request: proto.Request) -> Call:
-        if request.WhichOneof("call") in _ONE_AT_A_TIME or request.ByteSize() > _SHORT:
+        call = request.WhichOneof("call")
+        reads_walls = call == "change_walls" and not is_command(request)
+        if (call in _ONE_AT_A_TIME and not reads_walls) or request.ByteSize() > _SHORT:
             with self._building:
                 return self._answered(request)
         return self._answered(request)

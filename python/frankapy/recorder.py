@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from collections.abc import Callable, Iterator
 
 from frankapy import proto
 from frankapy.connection import Connection
 from frankapy.exceptions import FrankaArmException
+from frankapy.fork import Lock
 
 _PATIENCE = 5.0  # s for the server to begin or to end a file
 
-_count_lock = threading.Lock()
+_count_lock = Lock()
 
 
 @contextlib.contextmanager
