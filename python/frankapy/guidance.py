@@ -62,6 +62,8 @@ def shown(states: StateStream, motion: Motion | None, duration: float, stop: Cal
                 yield state
             elif rows or time.monotonic() > until:  # or it was stopped before there was any
                 return
+            elif until == math.inf and motion.result(timeout=0) is not None:  # or was over
+                until = time.monotonic() + _LEFT
 
     try:
         with progress(duration, "demonstrate", unit="s") as bar:

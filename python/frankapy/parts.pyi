@@ -494,8 +494,8 @@ def Impulse(
     acc_duration: float | None = None,
     duration: float | None = None,
 ) -> proto.Impulse:
-    """Stays at the pose of the start and exerts a wrench at EE, along and about the axes of O: it rises for acc_duration, and
-    falls for as long at the end.
+    """Stays at the pose of the start and exerts a wrench at EE, along and about the axes of O: it rises for acc_duration,
+    while what was exerted before falls, and falls for as long at the end.
 
     Args:
         force: 3 numbers, N, -200 to 200, must be given.

@@ -45,9 +45,10 @@ def recording(server: Connection) -> Iterator[Callable[[], proto.RecordingStatus
         wait(lambda status: status.open and status.states != before.states)
         yield lambda: ask(on=inside or None)  # asked again: this client may have had to connect anew
         status = ask()
-        if status.error or not status.open:
+        error = "" if before.open and status.error == before.error else status.error  # of what others recorded before
+        if error or not status.open:
             raise FrankaArmException(
-                f"Not all was recorded: {status.error or 'the server has heard nothing of this program for a while'}. What there is, is "
+                f"Not all was recorded: {error or 'the server has heard nothing of this program for a while'}. What there is, is "
                 f"in {status.file}"
             )
     finally:

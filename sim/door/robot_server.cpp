@@ -323,9 +323,10 @@ void RobotServer::settle() {
     const Status outcome = robot_.outcome().value_or(Status::kAborted);
     // Something else may have stopped the arm before it was at rest.
     const bool stopped = !move_ || outcome == Status::kPreempted || outcome == Status::kSuccess;
+    const Status instead = outcome == Status::kPreemptedDueToActivatedSafetyFunctions ? Status::kRejectedDueToActivatedSafetyFunctions : outcome;
     settle(move_, Command::kMove, outcome);
     settle(stop_, Command::kStopMove,
-           stopped || !fci::status_byte(version_, Command::kStopMove, outcome) ? Status::kSuccess : outcome);
+           stopped || !fci::status_byte(version_, Command::kStopMove, instead) ? Status::kSuccess : instead);
   }
   if (!robot_.recovering()) settle(recovery_, Command::kAutomaticErrorRecovery, robot_.recovered());
 }

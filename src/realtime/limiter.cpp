@@ -102,6 +102,10 @@ struct Planner : RuckigPlanner<N> {
   }
 };
 
+ruckig::Synchronization synchronization(bool straight) {
+  return straight ? ruckig::Synchronization::Phase : ruckig::Synchronization::None;
+}
+
 bool is_valid(const Reference& reference) {
   constexpr double kRounding = 1e-6;
   if (!is_finite(reference)) return false;
@@ -458,8 +462,9 @@ struct Limiter::Impl : Motion {
 
   // Plans in coordinates relative to what is wanted, which moves on: there the goal is rest at zero, and
   // the limits leave room for the wanted motion.
-  bool follow_steps(const JointReference& wanted, double dt, std::array<Step, kJoints>& steps) noexcept {
+  bool follow_steps(const JointReference& wanted, double dt, bool straight, std::array<Step, kJoints>& steps) noexcept {
     auto& in = joint_follow.in;
+    in.synchronization = synchronization(straight);
     Vector7 velocity, acceleration;
     for (int i = 0; i < kJoints; ++i) {
       const double V = std::min(plan_share() * asked.dq_max[i], fastest[i]);
@@ -495,7 +500,7 @@ struct Limiter::Impl : Motion {
     return true;
   }
 
-  bool follow(const JointReference& wanted, double dt, JointReference& out) noexcept {
+  bool follow(const JointReference& wanted, double dt, bool straight, JointReference& out) noexcept {
     std::array<bool, kJoints> pass;
     bool all = true;
     for (int i = 0; i < kJoints; ++i) {
@@ -506,7 +511,7 @@ struct Limiter::Impl : Motion {
     }
     std::array<Step, kJoints> follow, brake;
     bool has_follow = false, has_brake = false;
-    if (!all) has_follow = follow_steps(wanted, dt, follow);
+    if (!all) has_follow = follow_steps(wanted, dt, straight, follow);
     std::array<Joint, kJoints> next = joints;
     all = true;
     for (int i = 0; i < kJoints; ++i) {
@@ -709,7 +714,7 @@ struct Limiter::Impl : Motion {
 
   // As for joints, with per-axis limits that keep the norms.
   bool follow_step(const Part& part, const Vector3& delta, const Vector3& wanted_velocity,
-                   const Vector3& wanted_acceleration, double dt, PartStep& step) noexcept {
+                   const Vector3& wanted_acceleration, double dt, bool straight, PartStep& step) noexcept {
     const models::Limits::Rates own = own_limits(part);
     const double V = plan_share() * own.velocity;
     const double A = plan_share() * own.acceleration;
@@ -722,6 +727,7 @@ struct Limiter::Impl : Motion {
     const double A_axis = axis * std::max(A - acceleration.norm(), kLeastShare * A);
     const Vector3 moved = dt * (velocity - dt / 2 * acceleration);
     auto& in = part_follow.in;
+    in.synchronization = synchronization(straight);
     for (int i = 0; i < 3; ++i) {
       in.current_position[i] = moved[i] - delta[i];
       in.current_velocity[i] = part.velocity[i] - (velocity[i] - dt * acceleration[i]);
@@ -843,7 +849,7 @@ struct Limiter::Impl : Motion {
 
   void look_ahead() { ahead = std::max(stop_time(translation.velocity, rotation.velocity) / 2, kLeastAhead); }
 
-  bool follow(const CartesianReference& wanted, double dt, CartesianReference& out) noexcept {
+  bool follow(const CartesianReference& wanted, double dt, bool straight, CartesianReference& out) noexcept {
     struct Choice {
       Part& part;
       Vector3 delta, velocity, acceleration;
@@ -869,7 +875,7 @@ struct Limiter::Impl : Motion {
     for (Choice& c : choices) {
       if (c.pass && !c.part.held) continue;
       // A part on its way may meet the wanted pose in passing: that is not yet to have caught up.
-      const bool has_follow = follow_step(c.part, c.delta, c.velocity, c.acceleration, dt, c.step);
+      const bool has_follow = follow_step(c.part, c.delta, c.velocity, c.acceleration, dt, straight, c.step);
       c.part.held = !(c.pass && has_follow && part_follow.arrives(0, dt) && part_follow.arrives(1, dt) &&
                       part_follow.arrives(2, dt));
       if (!c.part.held) {
@@ -1013,7 +1019,7 @@ Vector7 Limiter::joints_ahead(const Vector7& q) const noexcept {
   return m.has_along ? Vector7(q + m.ahead * m.along_v) : q;
 }
 
-bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcept {
+bool Limiter::follow(const Reference& wanted, double dt, Reference& out, bool straight) noexcept {
   Impl& m = *impl_;
   m.before = m;
   if (wanted.motion != m.motion || !is_valid(wanted)) {
@@ -1026,8 +1032,8 @@ bool Limiter::follow(const Reference& wanted, double dt, Reference& out) noexcep
     return true;
   }
   out.motion = m.motion;
-  const bool held = m.motion == Channels::kJoint ? m.follow(wanted.joint, dt, out.joint)
-                                                 : m.follow(wanted.cartesian, dt, out.cartesian);
+  const bool held = m.motion == Channels::kJoint ? m.follow(wanted.joint, dt, straight, out.joint)
+                                                 : m.follow(wanted.cartesian, dt, straight, out.cartesian);
   m.last = out;
   m.watch(held);
   return held;

@@ -58,8 +58,9 @@ class Limiter {
   bool has_room() noexcept;
 
   // Next output for what is wanted in this cycle; dt in s. True if it had to hold something back.
-  // A reference that is not finite, or of another motion than the one continued from, is braked for.
-  bool follow(const Reference& wanted, double dt, Reference& out) noexcept;
+  // A reference that is not finite, or of another motion than the one continued from, is braked for. What is caught up with is so
+  // in the shortest time of each joint; `straight`: from rest on a straight way.
+  bool follow(const Reference& wanted, double dt, Reference& out, bool straight = false) noexcept;
 
   // Next output on the way to rest, in the shortest time; true when at rest. `soon`: with as much of the jerk as leaves a robot
   // that loses one command inside its limits, and not with the little with which it may lose three.

@@ -260,13 +260,15 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   SelfGuard::Bounds of_itself;
   const Reference aside = past(met_ == HeldBy::kWall ? walls_.bounds(of_walls) : self_.bounds(*arm, joints_.q, of_itself), wanted);
   if (!beside(aside, before_)) {
-    limiter_.follow(aside, kTick, reference);
-    if (meets(*arm, reference, {}) == HeldBy::kNothing &&
-        beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing) {
-      spared_ = spared.braking;
-      return held;
+    for (const bool straight : {false, true}) {  // where each joint goes as soon as it can that is another way
+      limiter_.follow(aside, kTick, reference, straight);
+      if (meets(*arm, reference, {}) == HeldBy::kNothing &&
+          beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing) {
+        spared_ = spared.braking;
+        return held;
+      }
+      limiter_.take_back();
     }
-    limiter_.take_back();
   }
   limiter_.spare(spared_, spared.catching_up);  // as on the way that was clear
   soon_ = soon || unseen_ || reference.motion == Channels::kPose;  // the other way was not looked at

@@ -332,6 +332,15 @@ TEST(Impulses, rise_hold_and_fall) {
   }
   EXPECT_TRUE(impulse.step(at_home(), 1, at));
   EXPECT_EQ(at.wrench.norm(), 0);
+  from.wrench << 0, 4, 0, 0, 0, 0;
+  impulse.start(from);
+  for (const auto& [time, y, z] : {std::tuple{0.0, 4., 0.}, {0.05, 3., 2.5}, {0.2, 0., 10.}, {0.9, 0., 5.}}) {
+    EXPECT_FALSE(impulse.step(at_home(), time, at));
+    EXPECT_NEAR(at.wrench[1], y, 1e-12) << "what another exerted before goes as this one comes";
+    EXPECT_NEAR(at.wrench[2], z, 1e-12);
+  }
+  EXPECT_TRUE(impulse.step(at_home(), 1, at));
+  EXPECT_EQ(at.wrench.norm(), 0);
   EXPECT_TRUE(refusal([] {
                 realtime::Impulse({Vector3(300, 0, 0), Vector3::Zero(), 0.1, 1});
               }).starts_with("force[0] is 300"));

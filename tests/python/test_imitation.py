@@ -5,12 +5,13 @@ import pickle
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 from conftest import HOME
 
-from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp, proto
+from frankapy import FrankaArm, FrankaArmArgumentError, RigidTransform, cli, dmp, guidance, proto
 from frankapy.demonstration import Demonstration
 from frankapy.parts import InternalImpedance
 from frankapy.sim import free_address
@@ -573,6 +574,23 @@ def test_an_arm_that_yields_along_axes_of_its_tool(ideal_arm, tmp_path):
             assert cli.main(["demonstrate", str(shown), *asked]) == 0
     along = (Demonstration.load(shown).positions - Demonstration.load(shown).positions[0]) @ axes
     assert np.ptp(along[:, 0]) > 0.06 and np.ptp(along[:, 0]) > 1.3 * np.ptp(along[:, 1])
+
+
+def test_a_demonstration_that_is_over_before_it_has_begun_is_not_waited_for():
+    class Over:
+        id = 7
+
+        def result(self, timeout):
+            return proto.SkillResult(ending=proto.REFUSED)
+
+    def others():
+        until = time.monotonic() + 30
+        while time.monotonic() < until:
+            time.sleep(0.001)
+            yield proto.ArmState(skill_id=0)
+        pytest.fail("it is waited for")
+
+    assert guidance.shown(others(), Over(), 5, lambda: None) == []
 
 
 def test_ctrl_c_ends_a_demonstration_and_keeps_it(ideal_arm, tmp_path):

@@ -433,6 +433,23 @@ TEST(Motion, StopMoveBrakesAndPreempts) {
   }
 }
 
+TEST(Motion, AStopThatASafetyFunctionComesBeforeIsNoSuccess) {
+  for (const int version : {5, 10}) {
+    DrivenArm arm(version == 5 ? "fer" : "fr3", lockstep());
+    RawClient client(arm, static_cast<fci::Version>(version));
+    client.start({.motion_generator_mode = Mode::kJointVelocity});
+    const auto start = client.state;
+    client.drive(kCycles / 2, [&](int cycle) { return reference(start, cycle); });
+    const double speed = std::abs(client.state.dq_d[6]);
+    const auto stop = client.post(fci::StopMove{});
+    client.receive_until([&](const auto& state) { return std::abs(state.dq_d[6]) < speed; });
+    arm.cell().robot(0).enabling_device(false);
+    client.receive_until([](const auto& state) { return state.robot_mode == RobotMode::kUserStopped; });
+    EXPECT_EQ(client.answer(client.move_id), version == 5 ? Status::kEmergencyAborted : Status::kPreemptedDueToActivatedSafetyFunctions);
+    EXPECT_EQ(client.answer(stop), version == 5 ? Status::kEmergencyAborted : Status::kRejectedDueToActivatedSafetyFunctions);
+  }
+}
+
 TEST(Motion, OfAClientThatHasGoneEndsInAReflexThatTheNextOneFinds) {
   DrivenArm arm("fr3", lockstep());
   {

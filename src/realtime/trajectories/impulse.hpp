@@ -7,8 +7,9 @@
 
 namespace realtime {
 
-// Stays at the pose of the start and asks for a wrench W that rises and falls, in time T with ramps of t_a:
-//   W(t) = W max(0, min(1, t/t_a, (T - t)/t_a))
+// Stays at the pose of the start and asks for a wrench that goes from that of the reference there, W_0, to W and then to zero, in
+// time T with ramps of t_a:
+//   W(t) = min(1, t/t_a, (T - t)/t_a) W + max(0, 1 - t/t_a) W_0
 // At EE, along and about the axes of O. How far EE may go under it is for a termination to say.
 class Impulse : public TrajectoryGenerator {
  public:
@@ -31,12 +32,16 @@ class Impulse : public TrajectoryGenerator {
   }
 
   Channels fills() const noexcept override { return Channels::kPose | Channels::kWrench; }
-  void start(const Reference& from) noexcept override { goal_ = at_rest(from); }
+  void start(const Reference& from) noexcept override {
+    goal_ = at_rest(from);
+    before_ = from.wrench;
+    goal_.wrench.setZero();
+  }
   bool step(const Cycle&, double time, Reference& reference) noexcept override {
     reference = goal_;
     if (time >= duration_) return true;
-    const double share = ramp_ > 0 ? std::min({1.0, time / ramp_, (duration_ - time) / ramp_}) : 1;
-    reference.wrench = share * wrench_;
+    const double risen = ramp_ > 0 ? std::min(1.0, time / ramp_) : 1, left = ramp_ > 0 ? std::min(1.0, (duration_ - time) / ramp_) : 1;
+    reference.wrench = std::min(risen, left) * wrench_ + (1 - risen) * before_;
     return false;
   }
   const Reference& goal() const noexcept override { return goal_; }
@@ -44,7 +49,7 @@ class Impulse : public TrajectoryGenerator {
   double stretch() const noexcept override { return 1; }
 
  private:
-  Vector6 wrench_;
+  Vector6 wrench_, before_ = Vector6::Zero();
   double ramp_, duration_;
   Reference goal_;
 };
