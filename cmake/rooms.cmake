@@ -28,12 +28,12 @@ function(add_room name)
   target_link_libraries(${name} ${scope} ${room_UNPARSED_ARGUMENTS})
 endfunction()
 
-# join_sources(<target> <file>...)
+# join_sources(<target> <name> <file>...)
 #
-# Compiles these of its files six at a time, as one: in some two thirds of the time, since what they include and instantiate is
-# compiled once for them. Where names of two files meet, one is to have another name. (UNITY_BUILD does so by absolute paths, and
-# ccache would find nothing of another clone.)
-function(join_sources target)
+# Compiles these of its files six at a time, as one named joined/<name>_<number>.cpp: in some two thirds of the time, since what they
+# include and instantiate is compiled once for them. Where names of two files meet, one is to have another name. (UNITY_BUILD does so
+# by absolute paths, and ccache would find nothing of another clone.)
+function(join_sources target name)
   set_source_files_properties(${ARGN} PROPERTIES HEADER_FILE_ONLY ON)
   set(number 0)
   while(ARGN)
@@ -44,7 +44,7 @@ function(join_sources target)
       file(RELATIVE_PATH path ${CMAKE_SOURCE_DIR} ${file})
       string(APPEND lines "#include \"${path}\"\n")
     endforeach()
-    set(joined ${CMAKE_CURRENT_BINARY_DIR}/joined/${target}_${number}.cpp)
+    set(joined ${CMAKE_CURRENT_BINARY_DIR}/joined/${name}_${number}.cpp)
     file(CONFIGURE OUTPUT ${joined} CONTENT "${lines}" @ONLY)
     target_sources(${target} PRIVATE ${joined})
     math(EXPR number "${number} + 1")
