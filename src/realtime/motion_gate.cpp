@@ -59,7 +59,7 @@ Walls* MotionGate::keep_from(Walls* walls) noexcept {
 void MotionGate::reset(const Reference& from) noexcept {
   before_ = from;
   met_ = HeldBy::kNothing;
-  slowed_ = false;
+  slowed_ = straight_ = false;
   if (limiter_.reset(from)) return;  // and comes to rest as before
   soon_ = unseen_ = false;
   spared_ = 1;
@@ -252,7 +252,7 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   held |= met_;
   if (met_ == HeldBy::kNothing) {
     spared_ = spared.braking;
-    unseen_ = false;
+    unseen_ = straight_ = false;
     return held;
   }
   limiter_.take_back();
@@ -260,15 +260,15 @@ HeldBy MotionGate::follow(const Reference& wanted, Reference& reference) noexcep
   SelfGuard::Bounds of_itself;
   const Reference aside = past(met_ == HeldBy::kWall ? walls_.bounds(of_walls) : self_.bounds(*arm, joints_.q, of_itself), wanted);
   if (!beside(aside, before_)) {
-    for (const bool straight : {false, true}) {  // where each joint goes as soon as it can that is another way
-      limiter_.follow(aside, kTick, reference, straight);
-      if (meets(*arm, reference, {}) == HeldBy::kNothing &&
-          beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing) {
-        spared_ = spared.braking;
-        return held;
-      }
-      limiter_.take_back();
+    limiter_.follow(aside, kTick, reference, straight_);
+    if (meets(*arm, reference, {}) == HeldBy::kNothing &&
+        beyond_bounds(reference, kBoundShare * bounds_.tool_speed) == HeldBy::kNothing) {
+      spared_ = spared.braking;
+      return held;
     }
+    limiter_.take_back();
+    // From rest by turns: where each joint goes as soon as it can that is another way than all together.
+    straight_ = !straight_ && limiter_.at_rest();
   }
   limiter_.spare(spared_, spared.catching_up);  // as on the way that was clear
   soon_ = soon || unseen_ || reference.motion == Channels::kPose;  // the other way was not looked at

@@ -105,6 +105,7 @@ class MotionGate {
   HeldBy met_ = HeldBy::kNothing;  // what was in the way in the step before
   bool unseen_ = false;  // since it was last looked to rest something has come, or the reference elsewhere
   bool soon_ = false;    // it comes to rest before what is in the way only if it brakes soon
+  bool straight_ = false;  // it goes past what is in the way with all joints together
   bool slowed_ = false;  // joints, since the tool would have been too fast, until they have caught up
 };
 
